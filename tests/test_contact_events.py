@@ -89,10 +89,10 @@ def states_after(log: RunLog, begin: float, seconds: float) -> list[str]:
     return [CONTACT_STATES[k] for k in states[np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))].tolist()]
 
 
-def check_it_walks_on(log: RunLog, metrics: Metrics, begin: float) -> None:
+def check_it_walks_on(log: RunLog, metrics: Metrics, begin: float, tilt_deg: float = 4.0) -> None:
     """The robot neither falls nor tilts, no torque is lost, and it ends standing at the same height."""
     assert metrics.falls == 0 and metrics.solver_failures == 0
-    assert metrics.max_tilt_deg < 4.0
+    assert metrics.max_tilt_deg < tilt_deg
     assert metrics.walking is not None and metrics.walking.ends_standing
     assert log.q[-1, 2] == pytest.approx(0.232, abs=0.003)
     speed = np.diff(log.com[:, 0])[(log.time[1:] > begin + 0.3) & (log.time[1:] < 1.4)] / 1e-3
@@ -123,7 +123,10 @@ def test_a_late_foot_descends_until_it_stands(depth: float, last: str) -> None:
 
 
 def test_a_foot_that_loses_its_contact_regains_it() -> None:
-    """The floor falls by 3.5 cm early in a long stance: the foot descends, stands again, and the robot walks on."""
+    """The floor falls by 3.5 cm early in a long stance: the foot descends, stands again, and the robot walks on.
+
+    Its base is parallel to the plane through its feet, of which one is 3.5 cm lower: 4.3 degrees.
+    """
     stance = [0.8]
 
     def in_stance(time: float, state: ContactState) -> bool:
@@ -133,7 +136,7 @@ def test_a_foot_that_loses_its_contact_regains_it() -> None:
     log, metrics, begin = walked(-0.035, in_stance, 0.25, "walk")
     states = states_after(log, begin, 0.25)
     assert states[:3] == ["stance", "lost", "stance"]
-    check_it_walks_on(log, metrics, begin)
+    check_it_walks_on(log, metrics, begin, tilt_deg=5.0)
 
 
 AGE = 0.008

@@ -144,7 +144,7 @@ def test_a_load_that_lasts_leaves_no_error_of_the_velocity() -> None:
 def test_legs_without_abduction_trot_on_their_line_through_a_push_from_the_side() -> None:
     """Solo8 steps ahead and back instead of sideways; with footholds beside its planes it tilted by 18 deg."""
     ahead, stop = "{at_s: 0.2, velocity_m_s: [0.5, 0.0, 0.0], gait: trot}", "{at_s: 2.6, velocity_m_s: [0.0, 0.0, 0.0]}"
-    push = "pushes=[{body: base_link, time_s: 1.9, duration_s: 0.2, impulse_ns: [0.0, 0.8, 0.0]}]"
+    push = "pushes=[{body: base_link, time_s: 1.94, duration_s: 0.2, impulse_ns: [0.0, 0.8, 0.0]}]"
     session = session_of(f"commands=[{ahead}, {stop}]", push, "duration_s=3.8", name="solo8_velocity")
     log, metrics, walking = walked(session)
     assert not metrics.fell and metrics.solver_failures == 0 and metrics.leg_collisions == 0
@@ -329,7 +329,7 @@ def test_a_failing_mpc_keeps_the_previous_plan_with_the_new_contacts() -> None:
         carries = log.stance[k - 10 : k + 1].all(axis=0)
         assert not carries.any() or faulty.forces[k][carries, 2].sum() > 5.0
         assert np.isfinite(faulty.commands[k].tau).all()
-    assert metrics.solver_failures == 5
+    assert metrics.solver_failures == np.count_nonzero((log.mpc_time >= begin) & (log.mpc_time < begin + 0.05)) >= 5
     assert not metrics.fell and walking.ends_standing
 
 

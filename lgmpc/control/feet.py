@@ -95,7 +95,7 @@ class Feet:
         self.footholds[:] = points
         self.position[:] = points
         self.velocity[:] = self.acceleration[:] = 0.0
-        self.ground.begin(points)
+        self.ground.begin(points, contacts)
         self._write_normals()
 
     @property

@@ -263,7 +263,10 @@ class FootholdPlanner:
             bx, by = bx * most / shift, by * most / shift
         ax, ay = s.position_feedback * ax, s.position_feedback * ay
         if stance < math.inf:  # where the weight's moment about the feet balances that of the load
-            ax, ay = ax + motion.load_x / (rate * rate), ay + motion.load_y / (rate * rate)
+            aside, along = _turn(*self.normals[foot], motion.yaw + turned)
+            across = aside * motion.load_x + along * motion.load_y  # planar legs have no foothold against it
+            ax += (motion.load_x - across * aside) / (rate * rate)
+            ay += (motion.load_y - across * along) / (rate * rate)
         x = com[0] + fx + neutral * nx + bx - rolled * wx + outward * wy + ax
         y = com[1] + fy + neutral * ny + by - rolled * wy - outward * wx + ay
         return self._bound(foot, (x, y), com, motion.yaw + turned, motion, others)

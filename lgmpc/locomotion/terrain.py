@@ -68,9 +68,11 @@ class TerrainBelief:
         self._flat, self._steepest = math.tan(math.radians(s.level_deg)), math.tan(math.radians(s.steepest_deg))
         self._time_constant = s.filter_share * math.sqrt(height / GRAVITY)
 
-    def begin(self, points: Array) -> None:
-        """Begin with feet at ``points`` (nc, 3), m."""
+    def begin(self, points: Array, stance: BoolArray | None = None) -> None:
+        """Begin with feet at ``points`` (nc, 3), m; those that do not stand are taken as level with the others."""
         self.footholds[...] = points
+        if stance is not None and stance.any() and not stance.all():
+            self.footholds[~stance, 2] = points[stance, 2].mean()
         self._fit(1.0)
 
     def update(self, elapsed: float, points: Array, stance: Sequence[bool]) -> None:

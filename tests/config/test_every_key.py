@@ -128,7 +128,7 @@ SOLO = {
         (
             "locomotion.contacts.early_share",
             "locomotion.contacts.lost_time_s",
-            "locomotion.contacts.patience_s",
+            "locomotion.contacts.touchdown_tolerance_s",
             "locomotion.contacts.max_late_s",
             "locomotion.terrain.filter_share",
         ),
@@ -263,7 +263,7 @@ OTHER: dict[str, Any] = {
     "*/locomotion.gaits.0.width": 0.5,
     "*/locomotion.clock.min_stance_s": 0.2,
     "*/locomotion.swing.longest_share": 1.0,
-    "*/locomotion.reference.yaw_leash_rad": 1e-3,
+    "*/locomotion.reference.max_yaw_lead_rad": 1e-3,
     "*/locomotion.reaction.gait": "walk",
     "*/locomotion.reaction.return_speed_m_s": 0.01,
     "*/locomotion.limits.speed_m_s": 0.1,

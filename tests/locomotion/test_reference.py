@@ -111,7 +111,7 @@ def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs:
     assert limiter.ramp == Ramp() and command.vx == 0.3
 
 
-def test_the_desired_position_stays_on_its_leash(solo12: Robot, legs: LegGeometry) -> None:
+def test_the_desired_position_is_no_further_ahead_than_its_lead(solo12: Robot, legs: LegGeometry) -> None:
     settings = ReferenceSettings(max_reference_lead_m=0.04, max_yaw_lead_rad=0.2)
     builder = ReferenceBuilder(solo12, legs, settings)
     com = np.array([0.0, 0.0, 0.2])

@@ -78,7 +78,10 @@ def test_a_foot_in_the_air_is_not_carried() -> None:
     belief, points = TerrainBelief(4, 0.24), on_plane(FEET, (0.0, 0.0), 2.0)
     points[2, 2] += 0.05
     belief.begin(points)
-    assert belief.carried(0.005).tolist() == [True, True, False, True]
+    stance = belief.carried(0.005)
+    assert stance.tolist() == [True, True, False, True]
+    belief.begin(points, stance)
+    assert belief.level and belief.height_at(0.0, 0.0) == 2.0
 
 
 def test_a_steep_fit_is_limited() -> None:

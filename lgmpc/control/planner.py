@@ -15,6 +15,9 @@ from lgmpc.wbc import Contacts, WholeBodyTerms
 
 __all__ = ["PlanSampler", "Planner"]
 
+_LEAST_LOAD = 0.02
+"""Weights of the robot: a smaller force that lasts may be an error of the estimate."""
+
 _CREDIBLE_PUSH = 3.0
 """Weights of the robot: a stronger push than this is a fault of the estimate."""
 
@@ -56,7 +59,7 @@ class Planner:
             delay=delay,
             noise_force=settings.observer_noise_share * weight,
         )
-        self.load = SteadyForce(1.0 / settings.rate_hz)
+        self.load = SteadyForce(1.0 / settings.rate_hz, _LEAST_LOAD * weight)
         self._expired = False
         self._every = round(1.0 / (period * settings.rate_hz))
         if self._every < 1:

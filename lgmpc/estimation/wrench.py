@@ -131,6 +131,7 @@ class SteadyForce:
 
     Args:
         period: time between two samples, s.
+        least: N; a component counts as far as it is beyond this: errors of the estimate are no load.
         window: s.
 
     Attributes:
@@ -140,9 +141,9 @@ class SteadyForce:
         InputError: a period or a window that is not positive.
     """
 
-    def __init__(self, period: float, window: float = 0.8) -> None:
+    def __init__(self, period: float, least: float = 0.0, window: float = 0.8) -> None:
         self._samples = np.zeros((max(round(duration_of("window", window) / duration_of("period", period)), 1), 2))
-        self._next = 0
+        self._next, self._least = 0, least
         self.force = (0.0, 0.0)
 
     def reset(self) -> None:
@@ -154,7 +155,7 @@ class SteadyForce:
         """Take an estimate of the force (3,), world axes, N; return :attr:`force`."""
         self._samples[self._next] = force[:2]
         self._next = (self._next + 1) % len(self._samples)
-        x, y = np.median(self._samples, axis=0).tolist()
+        x, y = (math.copysign(max(abs(f) - self._least, 0.0), f) for f in np.median(self._samples, axis=0).tolist())
         self.force = (x, y)
         return self.force
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import least_squares
 
 from lgmpc.errors import nearest
 from lgmpc.robot.actuators import ActuatedJoint, match_joints
@@ -88,6 +87,8 @@ def propose_posture(model: pin.Model, joints: Sequence[ActuatedJoint], q: Array,
 
     edge = 0.1 * width
     start = np.clip(rest, low + edge, high - edge)
+    from scipy.optimize import least_squares  # here, because only a robot without a posture needs it
+
     found = least_squares(deviations, start, bounds=(low + 0.99 * edge, high - 0.99 * edge)).x
     pairs = zip(movable, found.round(2) + 0.0, strict=True)
     words = ", ".join(f"{joint.name}: {value:.2f}" for joint, value in pairs)

@@ -5,7 +5,7 @@ Runs the balance config in this process several times and prints medians with th
 once more with a stopwatch around every part; then starts fresh processes to time what a user waits for, with an empty
 compile cache and with a warm one.
 
-    python scripts/bench_loop.py [--model centroidal|kinodynamic|full_body|lqr] [--repeats 5] [--skip-start]
+    python scripts/bench_loop.py [--model centroidal|full_body] [--repeats 5] [--skip-start]
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 
 CONFIGS = Path(__file__).parent.parent / "configs"
-MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
+MODELS = {"centroidal": "", "full_body": "_full_body"}
 FIRST_COMMAND = """
 import os; os.environ.setdefault("OMP_NUM_THREADS", "1")
 from lgmpc.config.build import prepare

@@ -1,7 +1,7 @@
 """Time one update of an MPC, for every QP solver, in a closed loop on its own exact model.
 
     python scripts/bench_mpc.py [--impulse 2.0] [--nodes 20] [--facets 8] [--seconds 3]
-    python scripts/bench_mpc.py --model full_body [--solvers active_set piqp]     # or kinodynamic, lqr
+    python scripts/bench_mpc.py --model full_body [--solvers active_set piqp]
 
 A quadruped of Solo12's mass (with the models that have legs: Solo12) stands, is pushed for 0.2 s, and recovers.
 Updates at 100 Hz (50 Hz with the legs); an update is timed from measured state to plan, everything included. The
@@ -28,14 +28,10 @@ from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import (
-    CentroidalLqr,
     CentroidalMpc,
     CentroidalMpcSettings,
     FullBodyMpc,
     FullBodyMpcSettings,
-    KinodynamicMpc,
-    KinodynamicMpcSettings,
-    LqrSettings,
     MeasuredState,
     Plan,
 )
@@ -104,15 +100,15 @@ class ClosedLoop(ABC):
 
 
 class CentroidalLoop(ClosedLoop):
-    """Centre of mass and momenta; the regulator is tried on the MPC's model."""
+    """Centre of mass and momenta."""
 
     standing = STANDING
 
-    def __init__(self, name: str, nodes: int, facets: int, mpc: CentroidalMpc | CentroidalLqr | None = None) -> None:
+    def __init__(self, name: str, nodes: int, facets: int) -> None:
         super().__init__(name)
-        solver = name if name in QP_SOLVERS else "active_set"
-        model = CentroidalMpc(MASS, 4, CentroidalMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=solver))
-        self.mpc = model if mpc is None else mpc
+        self.mpc = model = CentroidalMpc(
+            MASS, 4, CentroidalMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name)
+        )
         self.compiled = model.solver.compiled
         self.x: Array = STANDING.copy()
         self._contacts = ContactHorizon.allocate(nodes, 4)
@@ -144,7 +140,7 @@ class WholeBodyLoop(ClosedLoop):
 
     period = 0.02
 
-    def __init__(self, name: str, mpc: FullBodyMpc | KinodynamicMpc) -> None:
+    def __init__(self, name: str, mpc: FullBodyMpc) -> None:
         super().__init__(name)
         self.mpc, self.robot = mpc, mpc.robot
         self.compiled = mpc.solver.compiled
@@ -170,30 +166,12 @@ class WholeBodyLoop(ClosedLoop):
         """Let the first controls act for one period, an interval of the plan."""
         problem, u = self.mpc.problem, self.mpc.solver.us[0]
         x = problem.action.evaluate(problem.x0, u, problem.parameters[0]).x_next
-        self.q, rest = x[: self.robot.nq], x[self.robot.nq :]
-        self.v = rest if isinstance(self.mpc, FullBodyMpc) else self._velocity(rest, u[-self.robot.nu :])
-
-    def _velocity(self, momentum: Array, joints: Array) -> Array:
-        """The velocity (nv,) of a centroidal momentum (6,) and joint rates (nu,)."""
-        matrix = pin.computeCentroidalMap(self.robot.model, self._data, self.q)
-        return np.r_[np.linalg.solve(matrix[:, :6], momentum - matrix[:, 6:] @ joints), joints]
+        self.q, self.v = x[: self.robot.nq], x[self.robot.nq :]
 
 
 def centroidal(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
     """One loop a solver."""
     return [CentroidalLoop(name, nodes, facets) for name in solvers]
-
-
-def lqr(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
-    """No QP, one loop."""
-    return [CentroidalLoop("none (LQR)", nodes, facets, CentroidalLqr(MASS, 4, LqrSettings(nodes=nodes)))]
-
-
-def kinodynamic(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
-    """One loop a solver."""
-    robot = build_robot(load_config(CONFIG))
-    settings = [KinodynamicMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name) for name in solvers]
-    return [WholeBodyLoop(s.qp_solver, KinodynamicMpc(robot, s)) for s in settings]
 
 
 def full_body(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
@@ -205,9 +183,7 @@ def full_body(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
 
 MODELS: dict[str, Callable[[int, int, list[str]], list[ClosedLoop]]] = {
     "centroidal": centroidal,
-    "kinodynamic": kinodynamic,
     "full_body": full_body,
-    "lqr": lqr,
 }
 
 

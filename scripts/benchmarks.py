@@ -193,7 +193,7 @@ _FRICTIONS = "push_recovery.py --friction 0.4 0.5 0.6 0.7"
 GROUPS: dict[str, Group] = {
     "runs": Group("bench_runs.py", "bench_runs.py --only solo12_balance", of_runs),
     "pushes": Group(_FRICTIONS, "push_recovery.py --directions 1 --resolution 2.0", of_pushes),
-    **{f"pushes_{model}": _pushes_with(f"--model {model}") for model in ("centroidal", "kinodynamic", "full_body")},
+    **{f"pushes_{model}": _pushes_with(f"--model {model}") for model in ("centroidal", "full_body")},
     "late": _pushes_with(_set(_LATE)),
     "late_compensated": _pushes_with(_set(_LATE, "delays.command_s=0.009")),
     "late_slow": _pushes_with(_set(_LATE, _SLOW)),
@@ -206,7 +206,7 @@ GROUPS: dict[str, Group] = {
     "locomotion": Group("bench_locomotion.py --quick", "bench_locomotion.py --quick --skip-pushes", of_locomotion),
     "loop": Group("bench_loop.py", "bench_loop.py --repeats 1 --skip-start", of_loop),
     "wbc": Group("bench_wbc.py", "bench_wbc.py --facets 12", of_wbc),
-    **{f"mpc_{model}": _updates(model) for model in ("kinodynamic", "full_body", "lqr")},
+    "mpc_full_body": _updates("full_body"),
     "estimation": Group("bench_estimation.py", "bench_estimation.py", of_estimation),
     "actions": Group("bench_actions.py", "bench_actions.py --repeat 100", of_actions),
     "optimiser": Group("bench_optimiser.py", "bench_optimiser.py --nodes 20 --rounds 3", of_optimiser),

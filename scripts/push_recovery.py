@@ -9,7 +9,7 @@ MPC above it. With steps or a command, "survived" and "recovered" mean what they
     python scripts/push_recovery.py --stepping           # standing; it may step
     python scripts/push_recovery.py --command 0.5,0,0 --phases 4   # m/s ahead, m/s left, rad/s
     python scripts/push_recovery.py --friction 0.4 0.5 0.7 --directions 12 --set mpc.qp_solver=piqp
-    python scripts/push_recovery.py --model full_body    # or kinodynamic, lqr: what predicts
+    python scripts/push_recovery.py --model full_body    # what predicts
 
 What is estimated only while the robot walks, such as joint friction, it learns in a warm-up: a trot, after which it
 stands again for a second before it is pushed (with the MPC: without a plan it only stands).
@@ -36,7 +36,7 @@ from lgmpc.config.build import prepare
 from lgmpc.config.loading import load_config
 
 CONFIGS = Path(__file__).parent.parent / "configs"
-MODELS = {"centroidal": "", "kinodynamic": "_kinodynamic", "full_body": "_full_body", "lqr": "_lqr"}
+MODELS = {"centroidal": "", "full_body": "_full_body"}
 DURATION_S = 2.5
 START_S = 0.5
 WARM_UP_M_S, STOP_S = 0.3, 1.0

@@ -58,7 +58,7 @@ def test_settings_show_what_is_not_a_default() -> None:
     assert rows["robot.position_limit_rad"].startswith("{")  # a table by joint is one value
     assert "plant.friction" not in rows  # given, but the default
     assert max(map(len, rows.values())) <= 83
-    other = config.replace({"mpc": {"model": "lqr"}})
+    other = config.replace({"mpc": {"model": "full_body"}})
     assert "mpc" in dict(zip(*[iter(cells(other)[1:])] * 2, strict=True))
     assert cells(lgmpc.GaitSettings(pattern="trot")) == ["GaitSettings", "pattern", "trot"]
     assert cells(lgmpc.config.Config.model_fields["mpc"].default) == [

@@ -68,7 +68,7 @@ def _closed_loop(config: Config, robot: Robot) -> Lines:
     plant, mpc = config.plant, config.mpc
     yield "plant", f"{plant.kind} at {plant.rate_hz:g} Hz, friction {plant.friction:g}"
     yield "estimator", config.estimator.kind.replace("_", " ")
-    solver = getattr(mpc, "qp_solver", "no quadratic programme")
+    solver = mpc.qp_solver
     horizon = f"{mpc.model} at {mpc.rate_hz:g} Hz, {mpc.nodes} nodes of {mpc.node_s * 1e3:g} ms, {solver}"
     yield "mpc", horizon if mpc.enabled else "off"
     yield "wbc", f"{config.wbc.rate_hz:g} Hz, friction {config.wbc.friction:g}"

@@ -16,7 +16,7 @@ from typing import Any
 from lgmpc.config.schema import Config
 from lgmpc.costs import CostItem, Residual
 from lgmpc.errors import LgmpcError
-from lgmpc.mpc.multibody import MultibodyMpcSettings, OwnCost
+from lgmpc.mpc.full_body import FullBodyMpcSettings, OwnCost
 from lgmpc.robot import Robot
 from lgmpc.settings import Extension
 from lgmpc.wbc import SymbolicTask, Task
@@ -36,7 +36,7 @@ def own_tasks(config: Config, robot: Robot) -> list[Task]:
 
 def own_costs(config: Config, robot: Robot) -> list[CostItem]:
     """Return the costs of section ``mpc.costs``, named as their classes, in small letters; errors as own_tasks."""
-    if not isinstance(config.mpc, MultibodyMpcSettings):
+    if not isinstance(config.mpc, FullBodyMpcSettings):
         return []
     return [_cost(config, f"mpc.costs.{i}", entry, robot) for i, entry in enumerate(config.mpc.costs)]
 

@@ -11,12 +11,11 @@ from pydantic import Field
 
 from lgmpc.actions import CentroidalAction
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc.base import GRAVITY, checked_mass, input_error, write_intervals
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.reference import CentroidalReference
-from lgmpc.mpc.settings import CentroidalWeights, SqpMpcSettings
-from lgmpc.mpc.sqp import SqpMpc
+from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
+from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import in_surface_axes, in_world_axes
@@ -24,7 +23,7 @@ from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalMpc", "CentroidalMpcSettings", "CentroidalSqpSettings"]
+__all__ = ["CentroidalMpc", "CentroidalMpcSettings"]
 
 
 class CentroidalSteppingWeights(Settings):
@@ -46,9 +45,10 @@ class CentroidalCatchingWeights(Settings):
     )
 
 
-class CentroidalSqpSettings(SqpMpcSettings):
-    """Settings of models that predict centre of mass and momenta only."""
+class CentroidalMpcSettings(MpcSettings):
+    """Model-predictive control of the momenta by contact forces over a receding horizon."""
 
+    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
     uprighting_rate_hz: NonNegative = Field(
         default=10.0, description="Rate at which the plan turns a tilted base upright, 1/s."
     )
@@ -59,12 +59,6 @@ class CentroidalSqpSettings(SqpMpcSettings):
     catching_weights: CentroidalCatchingWeights = Field(
         default=CentroidalCatchingWeights(), description="Weights of the cost while it steps against a push."
     )
-
-
-class CentroidalMpcSettings(CentroidalSqpSettings):
-    """Model-predictive control of the momenta by contact forces over a receding horizon."""
-
-    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
 
 
 class CentroidalMpc(SqpMpc):
@@ -90,7 +84,7 @@ class CentroidalMpc(SqpMpc):
         self,
         mass: float,
         contacts: int,
-        settings: CentroidalSqpSettings | None = None,
+        settings: CentroidalMpcSettings | None = None,
         *,
         gravity: tuple[float, float, float] | Array = GRAVITY,
         progress: Callable[[str], None] | None = None,
@@ -108,7 +102,7 @@ class CentroidalMpc(SqpMpc):
         problem.view("x_weight")[-1] *= s.weights.terminal
         problem.set("u_weight", s.weights.forces(contacts, mass))
         super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64), progress)
-        self.settings: CentroidalSqpSettings = s
+        self.settings: CentroidalMpcSettings = s
         self._contacts = contacts
         view = problem.view
         self._points = view("contact_points").reshape(s.nodes + 1, contacts, 3)
@@ -127,7 +121,7 @@ class CentroidalMpc(SqpMpc):
 
     @classmethod
     def of(
-        cls, robot: Robot, settings: CentroidalSqpSettings, progress: Callable[[str], None] | None = None
+        cls, robot: Robot, settings: CentroidalMpcSettings, progress: Callable[[str], None] | None = None
     ) -> CentroidalMpc:
         """Return the controller of a robot; arguments and errors as of the class."""
         return cls(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=progress)

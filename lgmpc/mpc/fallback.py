@@ -1,4 +1,4 @@
-"""A multibody predictive controller with a centroidal one as its fallback while its own plans are rejected."""
+"""A full-body predictive controller with a centroidal one as its fallback while its own plans are rejected."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import logging
 
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.centroidal import CentroidalMpc
+from lgmpc.mpc.full_body import FullBodyMpc
 from lgmpc.mpc.interface import MeasuredState
-from lgmpc.mpc.multibody import MultibodyMpc
 from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.typing import Array
@@ -16,20 +16,20 @@ __all__ = ["FallbackMpc"]
 
 _LOG = logging.getLogger(__name__)
 _PAUSE = 4
-"""Number of updates without the multibody model after a rejected plan: its subproblems are most costly then."""
+"""Number of updates without the full-body model after a rejected plan: its subproblems are most costly then."""
 
 
 class FallbackMpc:
-    """Plans with the multibody model within the reach of the legs, and with the centroidal model beyond it.
+    """Plans with the full-body model within the reach of the legs, and with the centroidal model beyond it.
 
     A stretched leg is singular: the linearisation there contains motions that the leg does not have, and an iteration
     from such a plan diverges. Under a hard push the predicted motion stretches the legs long before the actual motion,
     if that does so at all. A plan that stretches a leg further than ``settings.reach_rad``, or a failed one, is
-    therefore rejected, and a centroidal model, which has no legs, plans instead. Every fifth update the multibody model
+    therefore rejected, and a centroidal model, which has no legs, plans instead. Every fifth update the full-body model
     is tried again; its plans are used from the second consecutive one within reach, because the first has no guess.
 
     Args:
-        mpc: the multibody controller.
+        mpc: the full-body controller.
         fallback: centroidal controller with the same horizon.
 
     Attributes:
@@ -38,7 +38,7 @@ class FallbackMpc:
         fallback_updates: number of updates planned by the fallback.
     """
 
-    def __init__(self, mpc: MultibodyMpc, fallback: CentroidalMpc) -> None:
+    def __init__(self, mpc: FullBodyMpc, fallback: CentroidalMpc) -> None:
         self.mpc = mpc
         self.fallback = fallback
         self.fallback_updates = 0
@@ -78,7 +78,7 @@ class FallbackMpc:
         return self.fallback.update(state, contacts, reference, wrench)
 
     def _plan(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
-        """Plan with the multibody model, and accept or reject the plan."""
+        """Plan with the full-body model, and accept or reject the plan."""
         plan = self.mpc.update(state, contacts, reference, wrench)
         self._usable = plan.status.fresh and self.mpc.keeps_reach(plan)
         if not self._usable:

@@ -6,8 +6,10 @@ longer while a push changes the active rows.
 
 from __future__ import annotations
 
+import dataclasses
+import time
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -15,47 +17,70 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.actions import ContactForwardDynamics, ExternalWrench, MultibodyAction, Unknowns
+from lgmpc.compile import CompiledFunction, cached, compile_map
 from lgmpc.costs import ConstraintItem, CostItem
-from lgmpc.costs.library import ContactForce, Control
-from lgmpc.mpc.multibody import (
-    MultibodyMpc,
-    MultibodyMpcSettings,
-    common_constraints,
-    common_costs,
-    contact_point_model,
-)
-from lgmpc.mpc.settings import MultibodyWeights
-from lgmpc.ocp import Trajectory
+from lgmpc.costs.library import CentroidalMomentum, CoMPosition, ContactForce, Control, FrictionCone, StateError
+from lgmpc.errors import InputError
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.interface import MeasuredState
+from lgmpc.mpc.plan import Plan, PosturePlan
+from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
+from lgmpc.mpc.sqp import SqpMpc, input_error, write_intervals
+from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
+from lgmpc.robot.feet import UP, touching
 from lgmpc.robot.scaling import weight_factor
-from lgmpc.settings import NonNegative, Positive
+from lgmpc.settings import Extension, NonNegative, Positive
+from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
-__all__ = ["FullBodyMpc", "FullBodyMpcSettings", "FullBodyWeights"]
+__all__ = ["FullBodyMpc", "FullBodyMpcSettings", "FullBodyWeights", "contact_point_model", "holding_efforts"]
 
 
-class FullBodyWeights(MultibodyWeights):
+class FullBodyWeights(CentroidalWeights):
     """Weights of the squared deviations that the full-body MPC minimises."""
 
+    base_orientation: NonNegative = Field(default=1.0, description="Rotation of the base, 1/rad2.")
+    posture: NonNegative = Field(default=0.1, description="Joints, from the reference posture, 1/rad2.")
     joint_velocity: NonNegative = Field(default=1e-3, description="Speeds of the joints, 1/(rad/s)2.")
     effort: Positive = Field(
         default=1e-3, description="Joint torques, from those that hold the posture, 1/(N.m)2 (scaled by mass)."
     )
 
 
-class FullBodyMpcSettings(MultibodyMpcSettings):
+class OwnCost(Extension):
+    """A cost of one's own: a class derived from :class:`lgmpc.Residual`, called with the arguments.
+
+    Or a function, called with the robot and the arguments, that returns a residual or a :class:`lgmpc.CostItem`.
+    """
+
+    weight: Positive = Field(default=1.0, description="Weight of the squared residual; not that of a CostItem.")
+
+
+class FullBodyMpcSettings(MpcSettings):
     """Model-predictive control of the whole robot by its torques, which have limits as the forces have."""
 
     model: Literal["full_body"] = Field(default="full_body", description="Model that predicts.")
+    rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = Field(
+        default=50.0, description="Updates per second, Hz, 1 to 10000."
+    )
+    reach_rad: Positive = Field(
+        default=0.9,
+        description="Largest joint displacement of a plan from the reference posture, rad; below that of a stretched"
+        " leg. Beyond it, the centroidal model plans instead.",
+    )
     weights: FullBodyWeights = Field(default=FullBodyWeights(), description="Weights of the cost.")
+    costs: tuple[OwnCost, ...] = Field(default=(), description="Costs of one's own, beside those with weights.")
 
 
-class FullBodyMpc(MultibodyMpc):
+class FullBodyMpc(SqpMpc):
     """Plans joint torques: contact forward dynamics, with friction, normal forces and torques limited.
 
-    State (q, v), control the torques. The limits are hard constraints of each subproblem, which has no solution where
-    they contradict each other: feet that have left the ground under a push beyond the limits. Then the last plan
-    remains in use. Plans with stretched legs are rejected: see :meth:`keeps_reach`.
+    State (q, v), control the torques. A foot whose flag is 1 does not move (an initial velocity is reduced to zero
+    within an interval), one whose flag is 0 has no force. An external wrench acts on the base, so that plans are valid
+    during a push. The limits are hard constraints of each subproblem, which has no solution where they contradict each
+    other: feet that have left the ground under a push beyond the limits. Then the last plan remains in use. Plans with
+    stretched legs are rejected: see :meth:`keeps_reach`.
 
     Args:
         robot: the robot, with a floating base and contact frames.
@@ -78,52 +103,158 @@ class FullBodyMpc(MultibodyMpc):
     ) -> None:
         s = FullBodyMpcSettings() if settings is None else settings
         model, contacts = contact_point_model(robot)
-        self._dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
+        dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
         items = [
-            *common_costs(self._dynamics.state),
+            CostItem("com", CoMPosition()),
+            CostItem("momentum", CentroidalMomentum()),
+            CostItem("state", StateError(dynamics.state)),
             CostItem("effort", Control(robot.nu)),
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
             *costs,
         ]
+        cones = [FrictionCone(frame, s.friction_facets) for frame in contacts]
         limits = [
-            *common_constraints(contacts, s.friction_facets),
+            *(ConstraintItem(f"cone{i}", cone, 0.0, np.inf) for i, cone in enumerate(cones)),
             ConstraintItem("effort_limit", Control(robot.nu), -robot.effort_limit, robot.effort_limit),
         ]
-        action = MultibodyAction(f"full_body_{robot.nc}x{s.friction_facets}", self._dynamics, items, limits)
-        super().__init__(robot, action, s, s.weights, costs, progress)
-        efforts = holding_efforts(model, contacts, robot.q_reference)
-        self._efforts = efforts
-        self.problem.set("contact_gains", [0.0, 1.0 / s.node_s])
-        self.problem.set("effort_reference", efforts)
+        action = MultibodyAction(f"full_body_{robot.nc}x{s.friction_facets}", dynamics, items, limits)
+        n, nc = s.nodes, robot.nc
+        problem = ShootingProblem(action, n)
+        problem.set("duration", s.node_s)
+        super().__init__(problem, s, robot.mass, -robot.mass * robot.gravity, progress)
+        self.settings: FullBodyMpcSettings = s
+        self.robot = robot
+        self._efforts = holding_efforts(model, contacts, robot.q_reference)
+        problem.set("contact_gains", [0.0, 1.0 / s.node_s])
+        problem.set("effort_reference", self._efforts)
         w, free = s.weights, np.zeros(3)
         turn, posture = np.full(3, w.base_orientation), np.full(robot.nu, w.posture)
         motion = np.concatenate([free, turn, posture, np.zeros(6), np.full(robot.nu, w.joint_velocity)])
-        self._set_weight(self.problem, "state", motion)
-        self._set_weight(self.problem, "effort", np.full(robot.nu, weight_factor(robot.mass) * w.effort))
-        for i in range(robot.nc):
-            self._set_weight(self.problem, f"force{i}", w.forces(1, robot.mass))
-        self._force_references = tuple(self.problem.view(f"force{i}_reference") for i in range(robot.nc))
+        centroidal = w.state(robot.mass)
+        self._set_weight("com", centroidal[:3])
+        self._set_weight("momentum", centroidal[3:])
+        self._set_weight("state", motion)
+        self._set_weight("effort", np.full(robot.nu, weight_factor(robot.mass) * w.effort))
+        for i in range(nc):
+            self._set_weight(f"force{i}", w.forces(1, robot.mass))
+        for item in costs:
+            self._set_weight(item.name, item.weight)
+        self._normal_force = s.normal_force(robot.mass)
+        view = problem.view
+        self._wrench = view("external_wrench")
+        self._com_reference, self._momentum_reference = view("com_reference"), view("momentum_reference")
+        self._q_reference = view("state_reference")[:, : robot.nq]
+        self._force_references = tuple(view(f"force{i}_reference") for i in range(nc))
+        self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
+        self._surfaces = tuple((view(f"cone{i}_friction")[:, 0], view(f"cone{i}_normal")) for i in range(nc))
+        self._read = cached(_compile_read_out, action, n + 1, progress=progress)
 
-    def _measure(self, q: Array, v: Array) -> None:
-        nq = self.robot.nq
+    def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
+        """Plan from the measured configuration and velocity; see :meth:`lgmpc.mpc.interface.Mpc.update`.
+
+        The external wrench acts on the base. Contact points are those of the feet, not of the horizon.
+        """
+        start = time.perf_counter()
+        q, v, nq, nv = state.q, state.v, self.robot.nq, self.robot.nv
+        if np.shape(q) != (nq,) or np.shape(v) != (nv,):
+            raise InputError("measured state", f"shapes {np.shape(q)} and {np.shape(v)}", f"q ({nq},) and v ({nv},)")
+        self._load(state, contacts, reference, wrench)
         self.problem.x0[:nq], self.problem.x0[nq:] = q, v
+        return self._advance(state.time, start)
 
-    @staticmethod
-    def _read_out(action: MultibodyAction, x: Any, u: Any, values: dict[str, Any]) -> list[Any]:
-        dynamics = action.dynamics
-        assert isinstance(dynamics, ContactForwardDynamics)
-        robot = dynamics.robot
-        q, v = x[: robot.nq], x[robot.nq :]
-        motion = dynamics.motion(q, v, u, values, Unknowns())
-        return [robot.com(q), robot.momentum(q, v), v, ca.vertcat(*motion.forces.values())]
+    def keeps_reach(self, plan: Plan) -> bool:
+        """Return whether no joint of a plan is further than ``settings.reach_rad`` from the reference, at any node."""
+        assert plan.posture is not None
+        return bool((np.abs(plan.posture.qs[:, 7:] - self._q_reference[:, 7:]) <= self.settings.reach_rad).all())
 
-    def _refer_forces(self, shares: Array) -> None:
-        for i, reference in enumerate(self._force_references):
-            reference[...] = shares[:, i]
+    def _set_weight(self, name: str, weight: Any) -> None:
+        """Set a cost's weights; the action multiplies those of the running nodes by the intervals' duration."""
+        s, weight = self.settings, np.asarray(weight)
+        self.problem.set(f"{name}_weight", weight / s.node_s, range(s.nodes))
+        self.problem.set(f"{name}_weight", s.weights.terminal * weight, [s.nodes])
+
+    def _load(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> None:
+        try:
+            write_intervals(self._flags, contacts.flags)
+            write_intervals(self._wrench, wrench)
+            for i, (friction, normal) in enumerate(self._surfaces):
+                write_intervals(friction, contacts.friction[:, i])
+                write_intervals(normal, contacts.normals[:, i])
+            self._com_reference[...] = reference.com
+            np.multiply(reference.com_velocity, self.mass, out=self._momentum_reference[:, :3])
+            self._momentum_reference[:, 3:] = state.angular_momentum(reference.angular_velocity)
+            self._q_reference[...] = reference.q
+        except ValueError as error:
+            raise input_error(error, self.settings.nodes, self.robot.nc) from error
+        lowest, highest = self._normal_force
+        for i, (lower, upper) in enumerate(self._cones):
+            # A foot in the air has no force, which lies strictly inside its bounds.
+            flag = self._flags[:, i]
+            opened = (flag - 1.0) * highest
+            lower[:, :-1] = opened[:, None]
+            lower[:, -1] = flag * lowest + opened
+            upper[:, -1] = highest
+        shares = self._shares()
+        for i, desired in enumerate(self._force_references):
+            desired[...] = shares[:, i]
 
     def _rest(self) -> Trajectory:
         n = self.settings.nodes
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), np.tile(self._efforts, (n, 1)))
+
+    def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
+        xs, us, parameters = self._read.inputs
+        xs[...] = trajectory.xs
+        us[:-1] = trajectory.us
+        us[-1] = trajectory.us[-1]
+        parameters[...] = self.problem.parameters
+        self._read.run()
+        com, momentum, vs, forces = self._read.outputs
+        nodes = self.settings.nodes
+        plan = self._make_plan(
+            t,
+            np.hstack([com, momentum]),
+            forces[:nodes].reshape(nodes, -1, 3) * self._flags[:nodes, :, None],
+            result.kkt,
+        )
+        return self._with_posture(plan, trajectory.xs[:, : self.robot.nq].copy(), vs.copy())
+
+    def _standing_plan(self, t: float) -> Plan:
+        n, robot = self.settings.nodes, self.robot
+        x = np.concatenate([self._com_reference[0], np.zeros(6)])
+        xs, forces, q = (
+            np.where(np.isfinite(array), array, otherwise)
+            for array, otherwise in (
+                (np.tile(x, (n + 1, 1)), 0.0),
+                (self._shares()[:n], 0.0),
+                (self._q_reference, robot.q_reference),
+            )
+        )
+        plan = self._make_plan(t, xs, forces, KktResidual.unknown())
+        return self._with_posture(plan, q, np.zeros((n + 1, robot.nv)))
+
+    def _with_posture(self, plan: Plan, qs: Array, vs: Array) -> Plan:
+        qs.flags.writeable = vs.flags.writeable = False
+        return dataclasses.replace(plan, posture=PosturePlan(plan.time, plan.node_duration, qs, vs))
+
+
+def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
+    """Return a copy of the robot's model with a frame at each contact point, and these frames' names.
+
+    A spherical foot touches the ground a radius below its frame. Forces act on that material point, which does not
+    slip; it is that of the reference posture, from which a foot that rolls by an angle a departs by
+    ``radius (1 - cos a)``.
+    """
+    model = robot.model.copy()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, robot.q_reference)
+    names = []
+    for name, frame in zip(robot.contact_frames, robot.contact_ids, strict=True):
+        joint = model.frames[frame].parentJoint
+        point = pin.SE3(np.eye(3), touching(data.oMf[frame].translation, robot.contact_radius, np.array(UP)))
+        names.append(f"{name}_contact_point")
+        model.addFrame(pin.Frame(names[-1], joint, frame, data.oMi[joint].inverse() * point, pin.FrameType.OP_FRAME))
+    return model, tuple(names)
 
 
 def holding_efforts(model: pin.Model, contacts: tuple[str, ...], q: Array) -> Array:
@@ -138,3 +269,18 @@ def holding_efforts(model: pin.Model, contacts: tuple[str, ...], q: Array) -> Ar
     forces = np.linalg.lstsq(jacobian[:, :6].T, load[:6])[0]
     efforts: Array = (load - jacobian.T @ forces)[6:]
     return efforts
+
+
+def _compile_read_out(action: MultibodyAction, points: int, progress: Callable[[str], None] | None) -> CompiledFunction:
+    """Compile the quantities of plans other than states and controls, for all points of a horizon."""
+    sizes = {"x": action.state.nx, "u": action.nu, "p": action.parameters.size}
+    x, u, p = (ca.SX.sym(name, size) for name, size in sizes.items())
+    dynamics = action.dynamics
+    assert isinstance(dynamics, ContactForwardDynamics)
+    robot = dynamics.robot
+    q, v = x[: robot.nq], x[robot.nq :]
+    motion = dynamics.motion(q, v, u, action.parameters.split(p), Unknowns())
+    outputs = [robot.com(q), robot.momentum(q, v), v, ca.vertcat(*motion.forces.values())]
+    names = ["com", "momentum", "v", "forces"]
+    function = ca.Function(f"{action.name}_read_out", [x, u, p], outputs, list(sizes), names)
+    return compile_map(function, points, progress=progress)

@@ -16,9 +16,6 @@ from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
 from lgmpc.mpc.fallback import FallbackMpc
 from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings
 from lgmpc.mpc.interface import Mpc
-from lgmpc.mpc.kinodynamic import KinodynamicMpc, KinodynamicMpcSettings
-from lgmpc.mpc.lqr import CentroidalLqr, LqrSettings
-from lgmpc.mpc.multibody import MultibodyMpc, MultibodyMpcSettings
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.robot import Robot
 
@@ -27,24 +24,18 @@ __all__ = ["AnyMpcSettings", "make_mpc"]
 Progress = Callable[[str], None]
 
 
-def with_fallback(model: Callable[..., MultibodyMpc]) -> Callable[..., Mpc]:
-    """Return the constructor of a multibody model with a centroidal fallback of the same horizon and limits."""
-
-    def make(
-        robot: Robot, settings: MultibodyMpcSettings, progress: Progress | None, costs: Sequence[CostItem] = ()
-    ) -> Mpc:
-        shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
-        centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared), progress)
-        return FallbackMpc(model(robot, settings, progress, costs), centroidal)
-
-    return make
+def _full_body(
+    robot: Robot, settings: FullBodyMpcSettings, progress: Progress | None, costs: Sequence[CostItem] = ()
+) -> Mpc:
+    """Return the full-body model with a centroidal fallback of the same horizon and limits."""
+    shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
+    centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared), progress)
+    return FallbackMpc(FullBodyMpc(robot, settings, progress, costs), centroidal)
 
 
 _MODELS: Mapping[type[MpcSettings], Callable[..., Mpc]] = {
     CentroidalMpcSettings: CentroidalMpc.of,
-    KinodynamicMpcSettings: with_fallback(KinodynamicMpc),
-    FullBodyMpcSettings: with_fallback(FullBodyMpc),
-    LqrSettings: CentroidalLqr.of,
+    FullBodyMpcSettings: _full_body,
 }
 
 

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
 
-__all__ = ["CentroidalWeights", "MpcSettings", "MultibodyWeights", "SqpMpcSettings", "TrackingWeights"]
+__all__ = ["CentroidalWeights", "MpcSettings"]
 
 _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
@@ -19,8 +19,8 @@ _FORMER_SOLVERS = {"riccati": "active_set", "structured": "active_set_dense"}
 """Names in older configs and run folders."""
 
 
-class TrackingWeights(Settings):
-    """Weights of the squared deviations of momenta and forces.
+class CentroidalWeights(Settings):
+    """Weights of the squared deviations of momenta and forces over a horizon.
 
     Those of momenta and forces are for a robot of 2.5 kg; they are divided by the square of the mass ratio.
     """
@@ -33,6 +33,7 @@ class TrackingWeights(Settings):
     force: Positive = Field(
         default=1e-3, description="Contact forces, from an even share of the weight, 1/N2 (scaled by mass)."
     )
+    terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
 
     def state(self, mass: float) -> list[float]:
         """Return the weights of [centre of mass; linear momentum; angular momentum] for a robot of ``mass`` kg."""
@@ -42,19 +43,6 @@ class TrackingWeights(Settings):
     def forces(self, contacts: int, mass: float) -> list[float]:
         """Return the weights of all contacts' forces for a robot of ``mass`` kg."""
         return [weight_factor(mass) * self.force] * (3 * contacts)
-
-
-class CentroidalWeights(TrackingWeights):
-    """Weights of the squared deviations over a horizon."""
-
-    terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
-
-
-class MultibodyWeights(CentroidalWeights):
-    """Weights of models with base and joints."""
-
-    base_orientation: NonNegative = Field(default=1.0, description="Rotation of the base, 1/rad2.")
-    posture: NonNegative = Field(default=0.1, description="Joints, from the reference posture, 1/rad2.")
 
 
 class MpcSettings(Settings):
@@ -92,15 +80,6 @@ class MpcSettings(Settings):
     stale_after: Count = Field(
         default=5, description="Number of consecutive failed updates after which the plan is no longer used."
     )
-
-    def normal_force(self, mass: float) -> tuple[float, float]:
-        """Return the lowest and highest normal force of a foot of a robot of ``mass`` kg, N."""
-        return normal_force_range(self.normal_force_n, _NORMAL_FORCE, mass)
-
-
-class SqpMpcSettings(MpcSettings):
-    """Settings of models solved by sequential quadratic programming."""
-
     qp_solver: Literal["active_set", "active_set_dense", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
         default="active_set",
         description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
@@ -112,6 +91,10 @@ class SqpMpcSettings(MpcSettings):
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
         default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
     )
+
+    def normal_force(self, mass: float) -> tuple[float, float]:
+        """Return the lowest and highest normal force of a foot of a robot of ``mass`` kg, N."""
+        return normal_force_range(self.normal_force_n, _NORMAL_FORCE, mass)
 
     @field_validator("qp_solver", mode="before")
     @classmethod

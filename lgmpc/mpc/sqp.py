@@ -1,21 +1,30 @@
-"""Predictive control by sequential quadratic programming: warm start, real-time iterations, their acceptance."""
+"""Predictive control by sequential quadratic programming: warm start, real-time iterations, acceptance, failures."""
 
 from __future__ import annotations
 
+import logging
 import math
-from abc import abstractmethod
+import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 import numpy as np
 
-from lgmpc.mpc.base import BaseMpc, weight_shares
+from lgmpc.errors import InputError
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import MpcStatus, Plan
-from lgmpc.mpc.settings import SqpMpcSettings
-from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.mpc.settings import MpcSettings
+from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
-from lgmpc.typing import Array, IntArray
+from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["SqpMpc"]
+__all__ = ["GRAVITY", "SqpMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
+
+GRAVITY: tuple[float, float, float] = (0.0, 0.0, -9.81)
+"""Acceleration of gravity unless given, world axes, m/s2."""
+
+_LOG = logging.getLogger(__name__)
 
 # An inexactly solved subproblem is accepted if it violates its constraints by less than this share of the weight
 # (forces, N) and its dynamics by less than this (m, N.s, N.m.s).
@@ -23,7 +32,7 @@ _ACCEPTED_FORCE = 0.01
 _ACCEPTED_GAP = 0.01
 
 
-class SqpMpc(BaseMpc):
+class SqpMpc(ABC):
     """Solves a problem repeatedly over a receding horizon, warm-started from the shifted last solution.
 
     Each update shifts the last trajectory to the present, takes the configured number of SQP steps from there and
@@ -55,13 +64,16 @@ class SqpMpc(BaseMpc):
     def __init__(
         self,
         problem: ShootingProblem,
-        settings: SqpMpcSettings,
+        settings: MpcSettings,
         mass: float,
         weight: Array,
         progress: Callable[[str], None] | None = None,
     ) -> None:
-        super().__init__(settings, mass)
-        self.settings: SqpMpcSettings = settings
+        self.settings: MpcSettings = settings
+        self.mass = checked_mass(mass)
+        self.failures = 0
+        self.failures_in_a_row = 0
+        self._plan: Plan | None = None  # the last fresh one
         self.problem = problem
         self.solver = RealTimeSqp(problem, settings.qp_solver, progress)
         self._weight = weight
@@ -72,13 +84,18 @@ class SqpMpc(BaseMpc):
 
     def reset(self) -> None:
         """Discard the last plan and the failure counts: the next update starts as the first one."""
-        super().reset()
-        self._trajectory = None
+        self.failures = 0
+        self.failures_in_a_row = 0
+        self._plan = self._trajectory = None
         self.reset_guess()
 
     def reset_guess(self) -> None:
         """Start the next update without a guess, at rest; the last plan remains the fall-back."""
         self._guess_time = None
+
+    @abstractmethod
+    def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
+        """Plan from the measured state; see :meth:`lgmpc.mpc.interface.Mpc.update`."""
 
     @abstractmethod
     def _rest(self) -> Trajectory:
@@ -87,6 +104,10 @@ class SqpMpc(BaseMpc):
     @abstractmethod
     def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
         """Return the plan of a solution that starts at time ``t``; status and timing are filled in later."""
+
+    @abstractmethod
+    def _standing_plan(self, t: float) -> Plan:
+        """Return the plan of rest at the reference, all numbers finite: used before any update has succeeded."""
 
     def _advance(self, t: float, start: float) -> Plan:
         """Plan from ``problem.x0`` at time ``t``; ``start`` is when the update began, by the performance counter."""
@@ -130,19 +151,79 @@ class SqpMpc(BaseMpc):
         limit = _ACCEPTED_FORCE * float(np.abs(self._weight).max())
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
 
+    def _keep(self, plan: Plan, status: MpcStatus, qp_iterations: int, start: float) -> Plan:
+        """Store and return a fresh plan; ``start`` is the beginning of the update by the performance counter."""
+        self.failures_in_a_row = 0
+        self._plan = plan.stamped(status, qp_iterations, time.perf_counter() - start)
+        return self._plan
+
     def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
-        """Return the last valid plan; the next update starts from it, unless it may have caused this failure."""
-        plan = super()._fall_back(status, t, qp_iterations, start)
-        if self._plan is None or self._trajectory is None or plan.status is not MpcStatus.NOT_FINITE:
+        """Return the last fresh plan with the status of the failure; STALE after too many consecutive failures.
+
+        The next update starts from that plan, unless it may have caused this failure.
+        """
+        self.failures += 1
+        self.failures_in_a_row += 1
+        if self.failures_in_a_row == 1:
+            _LOG.warning("%s update at %.3f s: %s (%s)", type(self).__name__, t, status.name, status.value)
+        if self.failures_in_a_row > self.settings.stale_after:
+            status = MpcStatus.STALE
+        if self._plan is None or self._trajectory is None or status is not MpcStatus.NOT_FINITE:
             self.reset_guess()  # the guess may be the cause of the failure
         else:
             self.solver.set_guess(self._trajectory)
-            self._guess_time = plan.time
-        return plan
+            self._guess_time = self._plan.time
+        plan = self._standing_plan(t if math.isfinite(t) else 0.0) if self._plan is None else self._plan
+        return plan.stamped(status, qp_iterations, time.perf_counter() - start)
 
     def _shares(self) -> Array:
         """Return (N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
         return weight_shares(self._flags, self._weight)
+
+    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> Plan:
+        """Return a plan whose status and timing are filled in later."""
+        xs.flags.writeable = forces.flags.writeable = False
+        node_s, status = self.settings.node_s, MpcStatus.NOT_FINITE
+        return Plan(t, node_s, self.mass, xs, forces, status, 0, kkt, 0.0)
+
+
+def checked_mass(mass: float) -> float:
+    """Return the mass, kg.
+
+    Raises:
+        InputError: it is not positive.
+    """
+    if not (math.isfinite(mass) and mass > 0):
+        raise InputError("mass", mass, "a positive number, kg")
+    return float(mass)
+
+
+def weight_shares(flags: Array, weight: Array) -> Array:
+    """Return (N, nc, 3) forces that hold the weight (3,), an even share for each foot whose flag (N, nc) is 1."""
+    share = weight / np.maximum(np.add.reduce(flags, axis=1), 1.0)[:, None]
+    shares: Array = flags[:, :, None] * share[:, None, :]
+    return shares
+
+
+def write_intervals(target: Array, values: Array | BoolArray) -> None:
+    """Write the values of N intervals into the rows of N + 1 nodes; the last node has those of the last interval.
+
+    Raises:
+        ValueError: the shapes differ.
+    """
+    if values.shape[1:] != target.shape[1:]:
+        raise ValueError(f"shape {values.shape} instead of {(len(target) - 1, *target.shape[1:])}")
+    target[:-1] = values
+    target[-1] = target[-2]
+
+
+def input_error(error: ValueError, nodes: int, contacts: int) -> InputError:
+    """Return the error of an update whose arrays have wrong shapes."""
+    expected = (
+        f"points and normals ({nodes}, {contacts}, 3), flags and friction ({nodes}, {contacts}), com and com_velocity"
+        f" ({nodes + 1}, 3), q ({nodes + 1}, nq), wrench ({nodes}, 6)"
+    )
+    return InputError("inputs of the MPC", str(error), expected)
 
 
 def _columns_without_bounds(problem: ShootingProblem) -> slice | IntArray:

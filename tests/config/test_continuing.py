@@ -55,10 +55,8 @@ CASES = {
     "late, noisy, lossy, with an estimator": (
         "solo12_balance_as_built", [*STANDING, "timing.computing=modelled", "plant.link.dropped_commands=0.05"], 0.063,
     ),
-    "LQR": ("solo12_balance_lqr", STANDING, 0.063),
 }  # fmt: skip
 LONG_CASES = {
-    "kinodynamic": ("solo12_balance_kinodynamic", STANDING, 0.063),
     "full body": ("solo12_balance_full_body", STANDING, 0.063),
     "a trot, in a step": ("solo12_velocity", ["duration_s=1.9"], 1.637),
     "rising from the belly": ("solo12_rise", ["duration_s=0.9"], 0.7),

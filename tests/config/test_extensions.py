@@ -105,6 +105,6 @@ def test_a_module_beside_the_config_is_found_and_one_that_fails_is_named(tmp_pat
         own_tasks(config, build_robot(config))
 
 
-def test_only_models_with_joints_have_costs_of_ones_own() -> None:
-    with pytest.raises(ConfigError, match="a key that only mpc.model = kinodynamic or full_body has"):
+def test_only_the_model_with_joints_has_costs_of_ones_own() -> None:
+    with pytest.raises(ConfigError, match="a key that only mpc.model = full_body has"):
         own("mpc.costs=['own_parts:Level']")

@@ -57,7 +57,7 @@ VALUES: tuple[Any, ...] = (
     {"*_KFE": -1},
     {"kind": "stand"},
     {"kind": "nothing"},
-    {"model": "lqr"},
+    {"model": "full_body"},
 )
 """What a value becomes: another type, an extreme number, text, an empty or nested container."""
 

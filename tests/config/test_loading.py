@@ -58,11 +58,11 @@ BAD_VALUES = [
     ),
     (
         "mpc.model=fullbody",
-        "mpc.model: got the text 'fullbody'; expected one of centroidal, kinodynamic, full_body, lqr",
+        "mpc.model: got the text 'fullbody'; expected one of centroidal, full_body",
     ),
     (
         "mpc.model=",
-        "mpc.model: got nothing (null); expected one of centroidal, kinodynamic, full_body, lqr",
+        "mpc.model: got nothing (null); expected one of centroidal, full_body",
     ),
     (
         "mpc={model: full_body, weights: {effort: 0}}",
@@ -143,20 +143,13 @@ KEYS_OF_OTHERS = [
     ),
     (
         "mpc.weights={posture: 1}",
-        "mpc.weights.posture: got a key that only mpc.model = kinodynamic or full_body has (value 1); "
+        "mpc.weights.posture: got a key that only mpc.model = full_body has (value 1); "
         "expected a key of mpc.weights for mpc.model = centroidal",
     ),
     (
         "mpc={model: full_body, uprighting_rate_hz: 1}",
-        "mpc.uprighting_rate_hz: got a key that only mpc.model = centroidal or lqr has "
-        "(value 1); "
+        "mpc.uprighting_rate_hz: got a key that only mpc.model = centroidal has (value 1); "
         "expected a key of mpc for mpc.model = full_body",
-    ),
-    (
-        "mpc={model: lqr, weights: {terminal: 1}}",
-        "mpc.weights.terminal: got a key that only mpc.model = centroidal or kinodynamic or "
-        "full_body has (value 1); "
-        "expected a key of mpc.weights for mpc.model = lqr",
     ),
     (
         "reference={kind: stand, radius_m: 1}",

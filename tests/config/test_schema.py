@@ -11,7 +11,7 @@ from lgmpc.config.schema import (
     SolveConfig,
     json_schema_text,
 )
-from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings, KinodynamicMpcSettings, LqrSettings
+from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.wbc import WholeBodySettings
@@ -75,7 +75,7 @@ def test_shipped_configs_name_the_schema(shipped: Path) -> None:
 
 
 def test_sections_have_defaults_that_can_run() -> None:
-    models = (CentroidalMpcSettings, KinodynamicMpcSettings, FullBodyMpcSettings, LqrSettings)
+    models = (CentroidalMpcSettings, FullBodyMpcSettings)
     for section in (PlantSettings, *models, WholeBodySettings):
         assert section() == section.model_validate({})
     assert RobotSpec(model="solo12").contact_radius_m == 0.0

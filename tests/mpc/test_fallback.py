@@ -16,7 +16,7 @@ from lgmpc.mpc import FallbackMpc, MeasuredState, Mpc, MpcStatus, Plan, make_mpc
 from lgmpc.robot import Robot
 
 pytestmark = pytest.mark.usefixtures("interpreted")
-CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance_kinodynamic.yaml"
+CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance_full_body.yaml"
 CALM = np.zeros(6)
 PUSHED = np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
 

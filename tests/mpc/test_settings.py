@@ -13,8 +13,6 @@ from lgmpc.mpc import (
     CentroidalWeights,
     FullBodyMpcSettings,
     FullBodyWeights,
-    KinodynamicWeights,
-    LqrSettings,
 )
 
 
@@ -59,8 +57,6 @@ def test_weights_refuse_what_makes_no_sense(change: dict[str, object], message: 
 def test_every_model_s_controls_need_a_weight() -> None:
     with pytest.raises(InputError, match="effort: got 0"):
         FullBodyWeights(effort=0.0)
-    with pytest.raises(InputError, match="joint_velocity: got 0"):
-        KinodynamicWeights(joint_velocity=0)
     assert FullBodyWeights(joint_velocity=0.0).state(2.5) == FullBodyWeights().state(2.5)
 
 
@@ -78,9 +74,7 @@ def test_a_controller_made_in_python_is_the_one_of_a_config() -> None:
     assert settings == CentroidalMpcSettings() == CentroidalMpc(2.5, 4).settings
 
 
-@pytest.mark.parametrize(
-    ("model", "kind"), [("centroidal", CentroidalMpcSettings), ("full_body", FullBodyMpcSettings), ("lqr", LqrSettings)]
-)
+@pytest.mark.parametrize(("model", "kind"), [("centroidal", CentroidalMpcSettings), ("full_body", FullBodyMpcSettings)])
 def test_the_model_selects_the_settings(model: str, kind: type) -> None:
     assert type(TypeAdapter(AnyMpcSettings).validate_python({"model": model})) is kind
 

@@ -1,4 +1,4 @@
-"""Full-body and kinodynamic MPC: what both promise, on Solo12 standing."""
+"""Full-body MPC of Solo12 standing."""
 
 from __future__ import annotations
 
@@ -15,15 +15,11 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import (
     FullBodyMpc,
     FullBodyMpcSettings,
-    KinodynamicMpc,
-    KinodynamicMpcSettings,
     MeasuredState,
     MpcStatus,
-    MultibodyMpc,
     Plan,
 )
-from lgmpc.mpc.full_body import holding_efforts
-from lgmpc.mpc.multibody import contact_point_model
+from lgmpc.mpc.full_body import contact_point_model, holding_efforts
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
@@ -40,18 +36,14 @@ def solo() -> Robot:
 
 
 @lru_cache
-def made(model: str) -> MultibodyMpc:
-    if model == "full_body":
-        return FullBodyMpc(solo(), FullBodyMpcSettings())
-    return KinodynamicMpc(solo(), KinodynamicMpcSettings())
+def interpreted_mpc() -> FullBodyMpc:
+    return FullBodyMpc(solo(), FullBodyMpcSettings())
 
 
-@pytest.fixture(params=[pytest.param("full_body", marks=pytest.mark.slow), "kinodynamic"])
-def mpc(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> MultibodyMpc:
-    """One of the models, as new; the one of the fast tests is interpreted."""
-    if request.param == "kinodynamic":
-        monkeypatch.setenv("LGMPC_JIT", "0")
-    found = made(request.param)
+@pytest.fixture
+def mpc(interpreted: None) -> FullBodyMpc:
+    """As new; to interpret these few updates takes less than to compile."""
+    found = interpreted_mpc()
     found.reset()
     return found
 
@@ -74,7 +66,7 @@ def measured(t: float, q: np.ndarray, v: np.ndarray) -> MeasuredState:
     return MeasuredState(t, q, v, np.zeros(3), np.zeros(6), np.eye(3), np.eye(3))
 
 
-def update(mpc: MultibodyMpc, t: float = 0.0, v: np.ndarray | None = None, **change: object) -> Plan:
+def update(mpc: FullBodyMpc, t: float = 0.0, v: np.ndarray | None = None, **change: object) -> Plan:
     given = {"q": solo().q_reference, "flags": STANCE, "friction": 0.6, "reference": standing(), **change}
     contacts = ContactHorizon.allocate(20, 4)
     contacts.hold(np.zeros((4, 3)), given["flags"], given["friction"])
@@ -94,19 +86,8 @@ def pushed(speed: float) -> np.ndarray:
     return np.concatenate([base, -np.linalg.solve(jacobian[:, 6:], jacobian[:, :6] @ base)])
 
 
-def test_standing_still_needs_the_weight_and_no_motion(mpc: MultibodyMpc) -> None:
-    assert_standing(update(mpc))
-
-
-@pytest.mark.usefixtures("interpreted")
-def test_the_full_body_model_stands_and_keeps_its_torques_interpreted() -> None:
-    """Of the model that takes longest to compile."""
-    mpc = FullBodyMpc(solo(), FullBodyMpcSettings())
-    assert_standing(update(mpc))
-    assert_torques_kept(mpc)
-
-
-def assert_standing(plan: Plan) -> None:
+def test_standing_still_needs_the_weight_and_no_motion(mpc: FullBodyMpc) -> None:
+    plan = update(mpc)
     assert plan.status is MpcStatus.SOLVED
     np.testing.assert_allclose(plan.forces.sum(axis=1), np.tile([0.0, 0.0, solo().mass * 9.81], (20, 1)), atol=1e-4)
     np.testing.assert_allclose(plan.xs, np.tile(standing(), (21, 1)), atol=1e-5)
@@ -114,7 +95,7 @@ def assert_standing(plan: Plan) -> None:
     np.testing.assert_allclose(plan.posture.qs, np.tile(solo().q_reference, (21, 1)), atol=1e-4)
 
 
-def test_the_plan_begins_with_the_measured_momentum_and_obeys_newton(mpc: MultibodyMpc) -> None:
+def test_the_plan_begins_with_the_measured_momentum_and_obeys_newton(mpc: FullBodyMpc) -> None:
     rng = np.random.default_rng(0)
     q = pin.integrate(solo().model, solo().q_reference, rng.uniform(-0.03, 0.03, 18))
     v = 0.2 * rng.standard_normal(18)
@@ -127,17 +108,16 @@ def test_the_plan_begins_with_the_measured_momentum_and_obeys_newton(mpc: Multib
     np.testing.assert_allclose(plan.xs[0], np.r_[data.com[0], momentum], atol=1e-9)
     gained = np.diff(plan.xs[:, 3:6], axis=0) / plan.node_duration
     expected = plan.forces.sum(axis=1) + solo().mass * solo().gravity + wrench[:3]
-    # Kinodynamics integrate the momentum exactly; full-body dynamics integrate velocities, to first order.
-    np.testing.assert_allclose(gained, expected, atol=1e-6 if isinstance(mpc, KinodynamicMpc) else 1.0)
+    np.testing.assert_allclose(gained, expected, atol=1.0)  # velocities are integrated, to first order
 
 
-def test_known_wrench_is_met_at_once(mpc: MultibodyMpc) -> None:
+def test_known_wrench_is_met_at_once(mpc: FullBodyMpc) -> None:
     plan = update(mpc, wrench=np.array([0.0, 8.0, 0.0, 0.0, 0.0, 0.0]))
     assert plan.first_forces[:, 1].sum() == pytest.approx(-8.0, rel=0.05)
     assert np.abs(plan.xs[:, 1] - standing()[1]).max() < 1e-3
 
 
-def test_forces_do_not_slip_when_pushed(mpc: MultibodyMpc) -> None:
+def test_forces_do_not_slip_when_pushed(mpc: FullBodyMpc) -> None:
     for i in range(5):
         plan = update(mpc, 0.0, pushed(0.3), friction=0.45)
         assert plan.status is MpcStatus.SOLVED, i
@@ -146,21 +126,14 @@ def test_forces_do_not_slip_when_pushed(mpc: MultibodyMpc) -> None:
     assert plan.forces[..., 2].min() == pytest.approx(0.5, abs=0.01)  # and a foot unloaded to its
 
 
-@pytest.mark.slow
-def test_torques_keep_their_limits_when_pushed_hard() -> None:
-    mpc = made("full_body")
-    mpc.reset()
-    assert_torques_kept(mpc)
-
-
-def assert_torques_kept(mpc: MultibodyMpc) -> None:
+def test_torques_keep_their_limits_when_pushed_hard(mpc: FullBodyMpc) -> None:
     for i in range(4):
         plan = update(mpc, 0.0, pushed(0.5))
         assert plan.status is MpcStatus.SOLVED, i
     assert np.abs(mpc.solver.us).max() == pytest.approx(1.8, abs=1e-5)  # they are needed
 
 
-def test_foot_in_the_air_has_exactly_no_force(mpc: MultibodyMpc) -> None:
+def test_foot_in_the_air_has_exactly_no_force(mpc: FullBodyMpc) -> None:
     flags = np.ones((20, 4), dtype=bool)
     flags[5:12, 2] = False
     for _ in range(3):
@@ -171,7 +144,7 @@ def test_foot_in_the_air_has_exactly_no_force(mpc: MultibodyMpc) -> None:
     assert plan.forces[:5, 2, 2].min() > 0.4 and plan.forces[12:, 2, 2].min() > 0.4
 
 
-def test_references_are_followed(mpc: MultibodyMpc) -> None:
+def test_references_are_followed(mpc: FullBodyMpc) -> None:
     reference = np.tile(standing(), (21, 1))
     reference[:, 1] += np.linspace(0.0, 0.03, 21)
     reference[1:, 4] = solo().mass * 0.03 / 0.4
@@ -180,7 +153,7 @@ def test_references_are_followed(mpc: MultibodyMpc) -> None:
     np.testing.assert_allclose(plan.xs[5:, 1], reference[5:, 1], atol=2e-3)
 
 
-def test_same_inputs_give_the_same_bits(mpc: MultibodyMpc) -> None:
+def test_same_inputs_give_the_same_bits(mpc: FullBodyMpc) -> None:
     def trace() -> np.ndarray:
         mpc.reset()
         return np.array([update(mpc, 0.02 * i, pushed(0.3 / (i + 1))).forces for i in range(4)])
@@ -189,7 +162,7 @@ def test_same_inputs_give_the_same_bits(mpc: MultibodyMpc) -> None:
 
 
 @pytest.mark.parametrize("broken", ["q", "v", "wrench", "reference", "friction", "time"])
-def test_not_finite_input_keeps_the_last_plan(mpc: MultibodyMpc, broken: str, caplog: pytest.LogCaptureFixture) -> None:
+def test_not_finite_input_keeps_the_last_plan(mpc: FullBodyMpc, broken: str, caplog: pytest.LogCaptureFixture) -> None:
     good = update(mpc, 0.0, pushed(0.1))
     whole = {"q": solo().q_reference, "v": np.zeros(18), "wrench": np.zeros(6), "reference": standing()}
     t, change = 0.02, {}
@@ -213,7 +186,7 @@ def test_not_finite_input_keeps_the_last_plan(mpc: MultibodyMpc, broken: str, ca
     assert recovered.status is MpcStatus.SOLVED and recovered.time == 0.2 and mpc.failures_in_a_row == 0
 
 
-def test_before_any_success_it_stands(mpc: MultibodyMpc) -> None:
+def test_before_any_success_it_stands(mpc: FullBodyMpc) -> None:
     plan = update(mpc, 0.3, np.full(18, np.nan), flags=np.array([True, False, True, True]))
     assert plan.status is MpcStatus.NOT_FINITE
     np.testing.assert_allclose(plan.first_forces[:, 2], solo().mass * 9.81 / 3 * np.array([1.0, 0.0, 1.0, 1.0]))
@@ -225,7 +198,7 @@ def test_before_any_success_it_stands(mpc: MultibodyMpc) -> None:
 
 
 @pytest.mark.parametrize("speed", [1e2, 1e200])
-def test_absurd_states_end_in_a_status(mpc: MultibodyMpc, speed: float) -> None:
+def test_absurd_states_end_in_a_status(mpc: FullBodyMpc, speed: float) -> None:
     update(mpc)
     for i in range(3):
         plan = update(mpc, 0.02 * (i + 1), speed * np.ones(18))
@@ -236,7 +209,7 @@ def test_absurd_states_end_in_a_status(mpc: MultibodyMpc, speed: float) -> None:
 
 
 @pytest.mark.parametrize("broken", ["contacts", "reference", "wrench"])
-def test_wrong_shapes_are_named(mpc: MultibodyMpc, broken: str) -> None:
+def test_wrong_shapes_are_named(mpc: FullBodyMpc, broken: str) -> None:
     right = {"contacts": ContactHorizon.allocate(20, 4), "reference": motion(standing()), "wrench": np.zeros((20, 6))}
     wrong = {
         "contacts": ContactHorizon.allocate(20, 3),
@@ -248,14 +221,14 @@ def test_wrong_shapes_are_named(mpc: MultibodyMpc, broken: str) -> None:
         mpc.update(state, **{**right, broken: wrong[broken]})
 
 
-def test_wrong_measured_state_is_named(mpc: MultibodyMpc) -> None:
+def test_wrong_measured_state_is_named(mpc: FullBodyMpc) -> None:
     with pytest.raises(InputError, match=r"measured state: got shapes \(18,\) and \(18,\); expected q \(19,\)"):
         update(mpc, q=np.zeros(18))
     with pytest.raises(InputError, match=r"measured state: .* and v \(18,\)"):
         update(mpc, v=np.zeros(19))
 
 
-def test_a_plan_that_stretches_a_leg_does_not_keep_the_reach(mpc: MultibodyMpc) -> None:
+def test_a_plan_that_stretches_a_leg_does_not_keep_the_reach(mpc: FullBodyMpc) -> None:
     assert mpc.keeps_reach(update(mpc))
     # Pushed by most of its weight, 10 N more than friction gives, and already moving: it would go on for 10 cm.
     plan = update(mpc, 0.02, pushed(0.3), wrench=np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0]))
@@ -264,7 +237,7 @@ def test_a_plan_that_stretches_a_leg_does_not_keep_the_reach(mpc: MultibodyMpc) 
     assert not mpc.keeps_reach(plan)
 
 
-def test_what_is_forgotten_is_no_guess_but_still_a_plan_to_fall_back_on(mpc: MultibodyMpc) -> None:
+def test_what_is_forgotten_is_no_guess_but_still_a_plan_to_fall_back_on(mpc: FullBodyMpc) -> None:
     fresh = update(mpc, 0.0, pushed(0.1))
     mpc.reset()
     good = update(mpc, -0.02, pushed(0.3))
@@ -300,16 +273,18 @@ def test_holding_efforts_hold() -> None:
     np.testing.assert_allclose(a, 0.0, atol=1e-6)
 
 
-def test_terminal_weights_are_those_of_the_running_nodes_times_the_factor(mpc: MultibodyMpc) -> None:
+def test_terminal_weights_are_those_of_the_running_nodes_times_the_factor(mpc: FullBodyMpc) -> None:
     """Running weights are per second: the action multiplies them by the interval's duration, the last node's not."""
-    weights = mpc.settings.weights  # type: ignore[attr-defined]
+    weights = mpc.settings.weights
     seen = mpc.problem.view("com_weight")
     np.testing.assert_allclose(seen[:-1] * 0.02, np.tile(weights.com, (20, 1)))
     np.testing.assert_allclose(seen[-1], np.multiply(weights.terminal, weights.com))
 
 
-def test_after_a_state_that_is_not_finite_the_guess_is_the_last_plan(mpc: MultibodyMpc) -> None:
+@pytest.mark.slow
+def test_after_a_state_that_is_not_finite_the_guess_is_the_last_plan() -> None:
     """The next update starts from the last fresh plan, and not from rest."""
+    mpc = FullBodyMpc(solo(), FullBodyMpcSettings())
     update(mpc, 0.0, pushed(0.3))
     update(mpc, 0.02, np.full(18, np.nan))
     resumed = update(mpc, 0.02, pushed(0.25))

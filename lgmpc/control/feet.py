@@ -53,6 +53,7 @@ class Feet:
         stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
         changed: whether other feet carry than at the last tick.
+        settled: (nc,) feet that have carried for long enough for their sliding to be evidence about the floor.
         ground: the plane through the last footholds.
     """
 
@@ -90,6 +91,7 @@ class Feet:
             assert swing is not None
             self._swings[foot].put_down(time, swing.touchdown, points[foot])
         self.changed = False
+        self.settled = self.events.steady(time - _SETTLED_S)
         self.standing = contacts is None or bool(contacts.all())
         self.stepping = not self.standing
         self.footholds[:] = points
@@ -97,11 +99,6 @@ class Feet:
         self.velocity[:] = self.acceleration[:] = 0.0
         self.ground.begin(points, contacts)
         self._write_normals()
-
-    @property
-    def settled(self) -> list[bool]:
-        """(nc,) feet that have carried for long enough for their sliding to be evidence about the floor."""
-        return self.events.steady(self.clock.time - _SETTLED_S)
 
     def gait(self, command: MotionCommand) -> Gait:
         """Return the gait of a command.
@@ -177,6 +174,7 @@ class Feet:
         else:
             for foot, carries in enumerate(stands):
                 self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
+        self.settled = self.events.steady(self.clock.time - _SETTLED_S)
         self.ground.update(self._period, points, self.settled)
         self._write_normals()
         self._stood = stands

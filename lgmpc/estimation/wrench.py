@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
+from collections import deque
 from typing import Any
 
 import casadi as ca
@@ -142,21 +144,27 @@ class SteadyForce:
     """
 
     def __init__(self, period: float, least: float = 0.0, window: float = 0.8) -> None:
-        self._samples = np.zeros((max(round(duration_of("window", window) / duration_of("period", period)), 1), 2))
-        self._next, self._least = 0, least
-        self.force = (0.0, 0.0)
+        count = max(round(duration_of("window", window) / duration_of("period", period)), 1)
+        self._count, self._least = count, least
+        self.reset()
 
     def reset(self) -> None:
         """Discard all samples."""
-        self._samples[:] = 0.0
+        self._samples = deque([(0.0, 0.0)] * self._count)
+        self._sorted = [0.0] * self._count, [0.0] * self._count
         self.force = (0.0, 0.0)
 
     def update(self, force: Array) -> tuple[float, float]:
-        """Take an estimate of the force (3,), world axes, N; return :attr:`force`."""
-        self._samples[self._next] = force[:2]
-        self._next = (self._next + 1) % len(self._samples)
-        x, y = (math.copysign(max(abs(f) - self._least, 0.0), f) for f in np.median(self._samples, axis=0).tolist())
-        self.force = (x, y)
+        """Take an estimate of the force (at least x and y), world axes, N; return :attr:`force`."""
+        x, y = force[:2].tolist()
+        self._samples.append((x, y))
+        middles = []
+        for ordered, old, new in zip(self._sorted, self._samples.popleft(), (x, y), strict=True):
+            del ordered[bisect_left(ordered, old)]  # ten times faster than numpy's median of all
+            insort(ordered, new)
+            middles.append(0.5 * (ordered[self._count // 2] + ordered[(self._count - 1) // 2]))
+        fx, fy = (math.copysign(max(abs(f) - self._least, 0.0), f) for f in middles)
+        self.force = (fx, fy)
         return self.force
 
 

@@ -22,6 +22,7 @@ from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["TerrainBelief", "TerrainBeliefSettings"]
 
+_PERIOD = 5e-3  # s; between two fits: the feet that stand hardly move meanwhile
 _RIDGE = 1e-6
 """Weight of a level plane in the fit, in units of the footholds' squared distances: decides where they lie in line."""
 
@@ -65,22 +66,31 @@ class TerrainBelief:
         self.footholds = np.zeros((feet, 3))
         self._tilt = (0.0, 0.0)  # slope of the filtered plane, before the test for level ground
         self._middle = (0.0, 0.0, 0.0)
+        self._elapsed = 0.0
         self._flat, self._steepest = math.tan(math.radians(s.level_deg)), math.tan(math.radians(s.steepest_deg))
         self._time_constant = s.filter_share * math.sqrt(height / GRAVITY)
 
     def begin(self, points: Array, stance: BoolArray | None = None) -> None:
         """Begin with feet at ``points`` (nc, 3), m; those that do not stand are taken as level with the others."""
+        self._elapsed = 0.0
         self.footholds[...] = points
         if stance is not None and stance.any() and not stance.all():
             self.footholds[~stance, 2] = points[stance, 2].mean()
         self._fit(1.0)
 
     def update(self, elapsed: float, points: Array, stance: Sequence[bool]) -> None:
-        """Take the contact points (nc, 3) of the feet that stand as their footholds; ``elapsed`` since the last, s."""
+        """Take the contact points (nc, 3) of the feet that stand as their footholds; ``elapsed`` since the last, s.
+
+        The plane follows every few milliseconds.
+        """
+        self._elapsed += elapsed
+        if self._elapsed < _PERIOD:
+            return
         for foot, stands in enumerate(stance):
             if stands:
                 self.footholds[foot] = points[foot]
-        self._fit(min(elapsed / self._time_constant, 1.0))
+        self._fit(min(self._elapsed / self._time_constant, 1.0))
+        self._elapsed = 0.0
 
     def height_at(self, x: float, y: float) -> float:
         """Return the height of the ground at a point of the horizontal plane, m."""

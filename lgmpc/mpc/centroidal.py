@@ -18,7 +18,6 @@ from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
-from lgmpc.robot.feet import in_surface_axes, in_world_axes
 from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
@@ -149,8 +148,7 @@ class CentroidalMpc(SqpMpc):
 
     def _rest(self) -> Trajectory:
         n, nu = self.settings.nodes, self.problem.nu
-        forces = in_surface_axes(self._u_reference[:n], self._normals[:n])
-        return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), forces.reshape(n, nu))
+        return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
 
     def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
         return self._make_plan(t, trajectory.xs, self._forces(trajectory), result.kkt)
@@ -159,7 +157,7 @@ class CentroidalMpc(SqpMpc):
         """Return (N, nc, 3) forces of the contacts, world axes."""
         n, nc = self.settings.nodes, self._contacts
         forces: Array = trajectory.us.reshape(n, nc, 3) * self._flags[:n, :, None]
-        return in_world_axes(forces, self._normals[:n])
+        return forces
 
     def _standing_plan(self, t: float) -> Plan:
         n = self.settings.nodes

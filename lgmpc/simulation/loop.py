@@ -261,7 +261,7 @@ def _ideal(plant: Plant) -> Hardware:
 
 def true_state(sample: PlantSample) -> RobotState:
     """Return the exact state of the plant; a foot is in contact if the ground pushes it."""
-    return RobotState(sample.time, sample.q, sample.v, np.any(sample.contact_forces, axis=1))
+    return RobotState(sample.time, sample.q, sample.v, sample.contact_forces.any(axis=1))
 
 
 class _Recorded:

@@ -178,7 +178,7 @@ class WholeBodyQp:
 
     def write_forces(self, forces: Array) -> None:
         """Write the contact forces (3 nc,), world axes, of the solver's solution, N."""
-        np.matmul(self._axes, self._forces, out=forces)
+        np.dot(self._axes, self._forces, out=forces)
 
     def _write_friction(self, friction: list[float]) -> None:
         self._friction = friction

@@ -25,20 +25,20 @@ def action() -> CentroidalAction:
     return CentroidalAction(4, 8)
 
 
-def in_world(s: dict[str, np.ndarray], u: np.ndarray) -> np.ndarray:
-    """Forces (nc, 3) of a control, whose third parts are along the normals and first parts above the world's x axis."""
-    forces = []
-    for normal, (along, across, out) in zip(s["contact_normals"].reshape(-1, 3), u.reshape(-1, 3), strict=True):
+def in_world(action: CentroidalAction, p: np.ndarray, given_forces: np.ndarray) -> np.ndarray:
+    """Control of forces whose third parts are along the normals and whose first parts are above the world's x axis."""
+    normals, forces = action.parameters.split(p)["contact_normals"].reshape(-1, 3), []
+    for normal, (along, across, out) in zip(normals, given_forces.reshape(-1, 3), strict=True):
         first = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
         first /= np.linalg.norm(first)
         forces.append(along * first + across * np.cross(normal, first) + out * normal)
-    return np.array(forces)
+    return np.concatenate(forces)
 
 
 def ode(action: CentroidalAction, u: np.ndarray, p: np.ndarray):
     s = action.parameters.split(p)
     points = s["contact_points"].reshape(-1, 3)
-    forces = in_world(s, u) * s["contact_flags"][:, None]
+    forces = u.reshape(-1, 3) * s["contact_flags"][:, None]
 
     def rate(_t: float, x: np.ndarray) -> np.ndarray:
         force = s["mass"] * s["gravity"] + forces.sum(0) + s["external_wrench"][:3]
@@ -137,22 +137,24 @@ def test_pyramid_is_inscribed_in_the_friction_cone(facets: int) -> None:
     for angle in np.linspace(0.0, 2 * math.pi, 97):
         direction = np.array([math.cos(angle), math.sin(angle), 0.0])
         on_cone = 10.0 * (0.7 * direction + [0.0, 0.0, 1.0])
-        beyond = action.evaluate(zeros, on_cone + 1e-6 * direction, p)
+        beyond = action.evaluate(zeros, in_world(action, p, on_cone + 1e-6 * direction), p)
         assert beyond.violation > 0.0  # nothing outside the cone is allowed
         shrunk = 10.0 * (0.7 * (math.cos(math.pi / facets) - 1e-9) * direction + [0.0, 0.0, 1.0])
-        assert action.evaluate(zeros, shrunk, p).violation == 0.0  # the largest circle within the pyramid is
+        assert (
+            action.evaluate(zeros, in_world(action, p, shrunk), p).violation == 0.0
+        )  # its inner circle
     edge = math.pi / facets  # between the normals of facets 0 and 1
     on_edge = 10.0 * np.array([0.7 * math.cos(edge), 0.7 * math.sin(edge), 1.0])
-    assert action.evaluate(zeros, (1 - 1e-9) * on_edge, p).violation < 1e-9  # edges touch the cone
+    assert action.evaluate(zeros, in_world(action, p, (1 - 1e-9) * on_edge), p).violation < 1e-9  # edges touch the cone
 
 
 def test_normal_force_stays_between_its_bounds(action: CentroidalAction) -> None:
     p = parameters(action, np.random.default_rng(0))
     u = np.tile([0.0, 0.0, 10.0], 4)
-    assert action.evaluate(np.zeros(9), u, p).violation == 0.0
+    assert action.evaluate(np.zeros(9), in_world(action, p, u), p).violation == 0.0
     for normal, violation in ((0.4, 0.1), (25.5, 0.5), (-1.0, 1.5)):
         u[5] = normal
-        assert action.evaluate(np.zeros(9), u, p).violation == pytest.approx(violation)
+        assert action.evaluate(np.zeros(9), in_world(action, p, u), p).violation == pytest.approx(violation)
 
 
 def test_foot_in_the_air_has_no_force_and_zero_lies_strictly_inside(action: CentroidalAction) -> None:

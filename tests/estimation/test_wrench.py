@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.estimation import WrenchObserver
+from lgmpc.estimation import SteadyForce, WrenchObserver
 
 PERIOD, TIME_CONSTANT = 1e-3, 0.02
 WRENCH = np.array([3.0, -2.0, 1.0, 0.2, -0.1, 0.05])
@@ -163,3 +163,17 @@ def test_poison_leaves_the_estimate_as_it_was(poison):
 def test_impossible_settings_are_refused(argument, value):
     with pytest.raises(InputError, match=f"^{argument}: got"):
         WrenchObserver(**({"period": PERIOD} | {argument: value}))
+
+
+def test_the_force_that_lasts_is_the_median_of_the_window() -> None:
+    rng = np.random.default_rng(4)
+    forces = np.round(rng.normal(0.0, 3.0, (300, 3)), 1)  # with repetitions
+    for count in (1, 7, 20):
+        steady = SteadyForce(0.01, 0.5, 0.01 * count)
+        padded = np.vstack([np.zeros((count, 3)), forces])
+        for k, force in enumerate(forces, start=1):
+            median = np.median(padded[k : k + count, :2], axis=0)
+            expected = np.sign(median) * np.maximum(np.abs(median) - 0.5, 0.0)
+            np.testing.assert_allclose(steady.update(force), expected, rtol=0.0, atol=1e-12)
+    steady.reset()
+    assert steady.force == (0.0, 0.0) and steady.update(forces[0]) == (0.0, 0.0)

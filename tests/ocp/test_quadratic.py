@@ -38,7 +38,7 @@ def test_structural_zeros_are_not_stored(qp: OcpQp) -> None:
     blocks = qp.structure.blocks
     assert blocks["S"].rows.size == blocks["C"].rows.size == 0
     assert blocks["Q"].rows.size == 9 and blocks["R"].rows.size == 12
-    assert blocks["D"].rows.size == 4 * (4 * 2 + 1)  # of each contact two entries a facet, and the normal force
+    assert blocks["D"].rows.size == 4 * (4 + 1) * 3  # of each contact the facets and the force along the normal
     vectors = [name for name in blocks if len(name) > 1 or name.islower()]
     stored = sum(blocks[name].rows.size for name in ("A", "B", "Q", "R", "D", *vectors))
     assert qp.structure.size == stored

@@ -19,7 +19,7 @@ from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, StateLink, TimingSettings
 from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Disturbance", "Hardware", "Loop", "Rates", "Sensing", "Tick", "TrueState", "simulate", "true_state"]
 
@@ -261,7 +261,8 @@ def _ideal(plant: Plant) -> Hardware:
 
 def true_state(sample: PlantSample) -> RobotState:
     """Return the exact state of the plant; a foot is in contact if the ground pushes it."""
-    return RobotState(sample.time, sample.q, sample.v, sample.contact_forces.any(axis=1))
+    contacts: BoolArray = sample.contact_forces.any(axis=1)
+    return RobotState(sample.time, sample.q, sample.v, contacts)
 
 
 class _Recorded:

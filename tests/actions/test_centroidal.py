@@ -140,9 +140,7 @@ def test_pyramid_is_inscribed_in_the_friction_cone(facets: int) -> None:
         beyond = action.evaluate(zeros, in_world(action, p, on_cone + 1e-6 * direction), p)
         assert beyond.violation > 0.0  # nothing outside the cone is allowed
         shrunk = 10.0 * (0.7 * (math.cos(math.pi / facets) - 1e-9) * direction + [0.0, 0.0, 1.0])
-        assert (
-            action.evaluate(zeros, in_world(action, p, shrunk), p).violation == 0.0
-        )  # its inner circle
+        assert action.evaluate(zeros, in_world(action, p, shrunk), p).violation == 0.0  # its inner circle
     edge = math.pi / facets  # between the normals of facets 0 and 1
     on_edge = 10.0 * np.array([0.7 * math.cos(edge), 0.7 * math.sin(edge), 1.0])
     assert action.evaluate(zeros, in_world(action, p, (1 - 1e-9) * on_edge), p).violation < 1e-9  # edges touch the cone

@@ -103,9 +103,7 @@ OWNERS: dict[str, str] = {
     "IPython": "notebook viz",
     "rich": "cli",
     "optuna": "sweeps.study",
-    "pyarrow": "sweeps.parquet",
-    "distributed": "sweeps.cluster sweeps.slurm sweeps.execution",
-    "dask_jobqueue": "sweeps.slurm",
+    "distributed": "sweeps.pool",
 }
 
 # Packages that must not be loaded by importing the package or a subpackage that computes: slow, or with a display.

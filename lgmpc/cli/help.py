@@ -74,10 +74,8 @@ SWEEP = _examples(
     "lgmpc sweep push_map",
     'lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_map --workers 2',
     "lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups",
-    "lgmpc sweep push_map --resume              continue after Ctrl-C, or beside another process",
+    "lgmpc sweep push_map --resume              continue after Ctrl-C",
     "lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask scheduler",
-    "lgmpc sweep push_map --slurm jobs.yaml     in jobs of SLURM",
-    "lgmpc sweep push_map --resume --parquet    results.parquet for pandas and others",
 )
 PLAY = _examples(
     "lgmpc play latest                          in the browser, with a time slider",

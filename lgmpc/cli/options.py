@@ -28,7 +28,6 @@ __all__ = [
     "Resume",
     "RunName",
     "RunsFolder",
-    "SlurmFile",
     "SweepFile",
     "TunedKeys",
     "Workers",
@@ -158,15 +157,7 @@ DaskAddress = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Compute on a Dask cluster: the address of its scheduler, or `local` (extra `dask`).",
-        show_default=False,
-    ),
-]
-SlurmFile = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Compute in jobs of SLURM: a YAML file of cores, memory_gb, walltime, ... (extra `dask`).",
+        help="Compute on a Dask cluster: the address of its scheduler (extra `dask`).",
         show_default=False,
     ),
 ]

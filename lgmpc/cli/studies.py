@@ -19,7 +19,6 @@ from lgmpc.cli.options import (
     Quiet,
     Resume,
     RunsFolder,
-    SlurmFile,
     SweepFile,
     TunedKeys,
     Workers,
@@ -38,27 +37,21 @@ def sweep(
     out: NewFolder = None,
     workers: Workers = None,
     dask: DaskAddress = None,
-    slurm: SlurmFile = None,
     resume: Resume = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="Write results.parquet too (package pyarrow).")] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a config at many points: grids, random draws, paired variants, searches of a boundary.
 
-    Every finished point is saved at once: --resume continues a stopped sweep, also on several machines in one folder.
+    Every finished point is saved at once: --resume continues a stopped sweep.
     Exit code 0 if every point has a verdict and the sweep's `expect` is satisfied.
     """
     from lgmpc.sweeps import load_sweep
 
     loaded = load_sweep(file, [*overrides, *more])
-    from lgmpc.cli.sweeping import chosen_cluster, sweep_shown
+    from lgmpc.cli.sweeping import sweep_shown
 
-    cluster = chosen_cluster(dask, slurm, workers)
-    own = workers if cluster is None else None
-    code = sweep_shown(
-        loaded, out, workers=own, cluster=cluster, resume=resume, parquet=parquet, as_json=as_json, quiet=quiet
-    )
+    code = sweep_shown(loaded, out, workers=workers, dask=dask, resume=resume, as_json=as_json, quiet=quiet)
     raise typer.Exit(code)
 
 

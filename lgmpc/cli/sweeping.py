@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -13,40 +12,17 @@ from rich.text import Text
 
 from lgmpc.cli.display import counting_display, duration_words
 from lgmpc.cli.screen import err, out, plain_table
-from lgmpc.errors import InputError, Interrupted
+from lgmpc.errors import Interrupted
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
-from lgmpc.sweeps.cluster import LOCAL, dask_client
 from lgmpc.sweeps.folder import SUMMARY
-from lgmpc.sweeps.parquet import check_pyarrow, write_parquet
 from lgmpc.sweeps.report import draw_sweep
-from lgmpc.sweeps.slurm import load_slurm, slurm_client
 from lgmpc.sweeps.summary import Summary
 from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, search_words
 
-if TYPE_CHECKING:
-    from lgmpc.sweeps.execution import Cluster
-
-__all__ = ["chosen_cluster", "sweep_shown", "swept"]
+__all__ = ["sweep_shown", "swept"]
 
 _MOST_REASONS = 5
-
-
-def chosen_cluster(dask: str | None, slurm: Path | None, workers: int | None) -> Cluster | None:
-    """Return the cluster of ``--dask`` or ``--slurm``; ``None`` for processes of this machine.
-
-    Raises:
-        InputError: both are given, or ``workers`` with a cluster that has its own.
-        ConfigError: the file of ``--slurm`` cannot be read or used.
-    """
-    if dask is not None and slurm is not None:
-        raise InputError("--dask", dask, "either --dask or --slurm")
-    if workers is not None and (slurm is not None or dask not in (None, LOCAL)):
-        raise InputError("--workers", workers, "no --workers with a cluster, which has its own")
-    if slurm is not None:
-        settings = load_slurm(slurm)
-        return lambda folder: slurm_client(settings, folder / "jobs")
-    return None if dask is None else lambda folder: dask_client(dask, workers)
 
 
 def sweep_shown(
@@ -54,24 +30,19 @@ def sweep_shown(
     folder: Path | None,
     *,
     workers: int | None,
-    cluster: Cluster | None,
+    dask: str | None,
     resume: bool,
-    parquet: bool,
     as_json: bool,
     quiet: bool,
 ) -> int:
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
-    if parquet:
-        check_pyarrow()
-    finished = swept(sweep, folder, workers=workers, cluster=cluster, resume=resume, quiet=quiet)
+    finished = swept(sweep, folder, workers=workers, dask=dask, resume=resume, quiet=quiet)
     folder, summary = finished.folder, finished.summary
     content = summary.content() | {"versions": dict(versions())}
     text = json.dumps(content, indent=2, allow_nan=False) + "\n"
     with atomic_write(folder / SUMMARY) as stream:
         stream.write(text.encode())
     figure = draw_sweep(sweep, finished.rows, summary, folder)
-    if parquet:
-        write_parquet(sweep, finished.rows, folder / "results.parquet")
     if as_json:
         print(json.dumps({"folder": str(folder), **content}, indent=2))
     else:
@@ -88,12 +59,12 @@ def swept(
     workers: int | None,
     resume: bool,
     quiet: bool,
-    cluster: Cluster | None = None,
+    dask: str | None = None,
 ) -> FinishedSweep:
     """Run a sweep, showing its progress."""
     total = len({point.key for point in sweep.points})
     with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=quiet) as display:
-        compute = partial(run_sweep, sweep, folder, workers=workers, cluster=cluster, resume=resume)
+        compute = partial(run_sweep, sweep, folder, workers=workers, dask=dask, resume=resume)
         return compute(notify=display.announce, progress=display.advance)
 
 

@@ -16,7 +16,7 @@ from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.settings.dotted import differing
-from lgmpc.sweeps.folder import DOCUMENT, ROWS, Results, read_document
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document, read_rows
 from lgmpc.sweeps.rows import Row, paired, place
 from lgmpc.sweeps.statistics import Estimate, mean_difference
 
@@ -214,7 +214,7 @@ def _compare_sweeps(
 
 def _rows(folder: Path) -> dict[str, Row]:
     """Return the rows that have a verdict, by base, variant, levels and draw."""
-    return {place(row): row for row in Results(folder / ROWS).rows().values() if row.ending.computed}
+    return {place(row): row for row in read_rows(folder / ROWS).values() if row.ending.computed}
 
 
 def _differences(first: Any, second: Any) -> list[Difference]:

@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
-from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import html_table, reports
-from lgmpc.sweeps.cluster import DaskPool
 from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
-from lgmpc.sweeps.folder import Claim, SweepFolder
-from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
+from lgmpc.sweeps.folder import SweepFolder
+from lgmpc.sweeps.pool import DaskPool, Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.tables import group_table
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
-
-if TYPE_CHECKING:
-    import distributed
-
-    Cluster = Callable[[Path], AbstractContextManager[distributed.Client]]
-    """Connects to a Dask cluster for the duration of a block, for the sweep of a folder."""
 
 __all__ = ["FinishedSweep", "SweepProgress", "run_sweep"]
 
@@ -119,7 +110,7 @@ def run_sweep(
     folder: str | Path | None = None,
     *,
     workers: int | None = None,
-    cluster: Cluster | None = None,
+    dask: str | None = None,
     resume: bool = False,
     notify: Callable[[str], None] | None = None,
     progress: Callable[[SweepProgress], None] | None = None,
@@ -134,9 +125,9 @@ def run_sweep(
             :func:`load_sweep`, which takes changes too.
         folder: its folder; ``sweeps/<name>`` unless given.
         workers: number of processes; that of the processors unless given.
-        cluster: connection to a Dask cluster that computes the points instead of processes of this machine; called
-            with the folder, for example ``lambda folder: dask_client("tcp://host:8786")``.
-        resume: whether to continue in an existing folder; other processes may work on it at the same time.
+        dask: address of a Dask scheduler, such as ``tcp://host:8786``, whose workers compute the points instead of
+            processes of this machine.
+        resume: whether to continue in an existing folder.
         notify: called with a description of what is being prepared.
         progress: called after every point. In a notebook a bar displays both unless either is given.
 
@@ -151,30 +142,24 @@ def run_sweep(
     elif not isinstance(sweep, Sweep):
         sweep = load_sweep(sweep)
     folder = Path("sweeps") / sweep.settings.name if folder is None else Path(folder)
-    if workers is not None and (workers < 1 or cluster is not None):
-        raise InputError("workers", workers, "at least 1" if cluster is None else "none: the cluster has its own")
-    place, received = SweepFolder.open(folder, sweep, resume=resume), None
-    with reports(notify, progress, _counted) as (announce, advance):
+    if workers is not None and (workers < 1 or dask is not None):
+        raise InputError("workers", workers, "at least 1" if dask is None else "none: the cluster has its own")
+    limit, received = sweep.settings.time_limit_s, None
+    with (
+        closing(SweepFolder.open(folder, sweep, resume=resume)) as place,
+        reports(notify, progress, _counted) as (announce, advance),
+    ):
         session = _Session(sweep, place, advance)
         try:
-            with stop_signals() as stop, _pool(sweep, folder, workers, cluster) as pool:
-                session.run(pool, stop, announce)
+            with stop_signals() as stop:
+                if session.now.done < session.now.total:
+                    cores = workers or available_cores()
+                    chosen = DaskPool(dask, start_worker, limit, folder) if dask else Pool(cores, start_worker, limit)
+                    with chosen as pool:
+                        session.run(pool, stop, announce)
         except Interrupted as error:
             received = error.signal
-        finally:
-            session.close()
     return FinishedSweep(sweep, folder, session.finished(), session.now, received)
-
-
-@contextmanager
-def _pool(sweep: Sweep, folder: Path, workers: int | None, cluster: Cluster | None) -> Iterator[Pool]:
-    limit = sweep.settings.time_limit_s
-    if cluster is None:
-        with Pool(workers or available_cores(), start_worker, limit) as pool:
-            yield pool
-    else:
-        with cluster(folder) as client, DaskPool(client, start_worker, limit, folder) as there:
-            yield there
 
 
 def _counted(now: SweepProgress) -> tuple[float, str]:
@@ -185,51 +170,34 @@ class _Session:
     """The work of this process on a sweep."""
 
     def __init__(self, sweep: Sweep, folder: SweepFolder, progress: Callable[[SweepProgress], None]) -> None:
-        self._sweep, self._folder, self._progress = sweep, folder, progress
+        self._settings, self._folder, self._progress = sweep.settings, folder, progress
         self._points = {point.key: point for point in sweep.points}
-        self._claims: dict[str, Claim] = {}
         self._started = perf_counter()
         done = self.finished()
         self.now = SweepProgress(len(self._points), len(done), sum(not row.passed for row in done.values()))
 
     def finished(self) -> dict[str, Row]:
         """Return the sweep's finished points by their keys."""
-        return {key: row for key, row in self._folder.results.rows().items() if key in self._points}
+        return {key: row for key, row in self._folder.rows.items() if key in self._points}
 
     def run(self, pool: Pool, stop: StopSignals, notify: Callable[[str], None]) -> None:
-        """Compute and save every point that no other process has finished or is computing."""
-        if self.now.done == self.now.total:
-            return
+        """Compute and save every point that is not finished."""
         self._progress(self.now)
         notify("starting, and compiling what is not in the cache")
-        list(pool.map(warm, self._typical(), workers=1))
+        # A config of each base and variant, whose functions are compiled once instead of by every worker.
+        typical = {(point.base, point.variant): point.config for point in reversed(self._points.values())}
+        list(pool.map(warm, typical.values(), workers=1))
         self._started = perf_counter()
         notify("running")
-        for task, result in pool.map(compute, self._tasks(stop)):
-            with stop.held():  # atomic: a claim without its row would belong to no process
+        for task, result in pool.map(compute, self._tasks()):
+            with stop.held():
                 self._save(task, result)
             self._progress(self.now)
 
-    def close(self) -> None:
-        """Release the claims of unfinished points."""
-        for key, claim in self._claims.items():
-            shutil.rmtree(self._folder.scratch(key), ignore_errors=True)
-            claim.release()
-        self._claims.clear()
-
-    def _typical(self) -> Iterable[Config]:
-        """Return a config of each base and variant, whose functions are compiled once instead of by every worker."""
-        return {(point.base, point.variant): point.config for point in reversed(self._points.values())}.values()
-
-    def _tasks(self, stop: StopSignals) -> Iterator[Task]:
-        """Yield the points that this process computes: no other one does, or has done so."""
-        settings = self._sweep.settings
+    def _tasks(self) -> Iterator[Task]:
+        settings = self._settings
         for key, point in self._points.items():
-            with stop.held():
-                claim = None if key in self._folder.results.rows() else self._folder.claim(key)
-                if claim is not None:
-                    self._claims[key] = claim
-            if claim is not None:
+            if key not in self._folder.rows:
                 scratch = self._folder.scratch(key).resolve()  # also for workers that run in another folder
                 yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
@@ -240,10 +208,9 @@ class _Session:
             result = Row(task.key, ending, (str(result) or type(result).__name__,))
         if result.ending in (Ending.RAISED, Ending.HUNG, Ending.DIED):
             self._folder.keep_config(point)
-        log = self._folder.keep_log(result, self._sweep.settings.logs.keep)
+        log = self._folder.keep_log(result, self._settings.logs.keep)
         row = replace(
             result, log=log, base=point.base, variant=point.variant, levels=dict(point.levels), draw=point.draw
         )
-        self._folder.results.append(row)
-        self._claims.pop(task.key).release()
+        self._folder.append(row)
         self.now = self.now.after(row, perf_counter() - self._started)

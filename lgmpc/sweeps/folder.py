@@ -1,11 +1,8 @@
-"""The folder of a sweep: its document, one line per finished point, and run folders.
-
-Several processes, also of several machines, may work on one folder: each point is claimed by a lock on a file, which
-the operating system releases whenever the process ends.
-"""
+"""The folder of a sweep: its document, one line per finished point, and run folders."""
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import shutil
@@ -13,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import FileIO
-from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +21,7 @@ from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Row
 
-__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "Claim", "Results", "SweepFolder", "open_folder", "read_document"]
+__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "SweepFolder", "open_folder", "read_document", "read_rows"]
 
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
@@ -91,103 +87,62 @@ def read_document(file: Path) -> dict[str, Any]:
     return data
 
 
-class Results:
-    """The file of the finished points, one line of JSON each; several processes may append to it.
+def read_rows(file: Path) -> dict[str, Row]:
+    """Return the finished points in a file, by their keys.
 
-    Args:
-        file: file, created with the first row.
+    An incomplete last line is ignored: another process is writing it, or was killed while writing it.
+
+    Raises:
+        RunFolderError: if the file cannot be read or a line in it is not a row.
     """
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        self._read = self._lines = 0
-        self._rows: dict[str, Row] = {}
-
-    def rows(self) -> dict[str, Row]:
-        """Return the finished points by their keys; reads only what was added since the last call.
-
-        An incomplete last line is ignored: another process is writing it, or was killed while writing it.
-
-        Raises:
-            RunFolderError: if the file cannot be read or a line in it is not a row.
-        """
-        try:
-            with self._file.open("rb") as file:
-                file.seek(self._read)
-                added = file.read()
-        except FileNotFoundError:
-            return self._rows
-        except OSError as error:
-            raise RunFolderError(f"cannot read {self._file}: {reason_of(error)}") from error
-        whole = added[: added.rfind(b"\n") + 1]
-        for line in whole.splitlines():
-            self._lines += 1
-            row = Row.from_json(line, f"{self._file}:{self._lines}")
-            self._rows[row.key] = row
-        self._read += len(whole)
-        return self._rows
-
-    def append(self, row: Row) -> None:
-        """Save a finished point: its line is on the disk when this returns.
-
-        Raises:
-            RunFolderError: if it cannot be written; the file is then unchanged.
-        """
-        data = f"{row.to_json()}\n".encode()
-        try:
-            with self._file.open("ab+", buffering=0) as file:
-                fcntl.flock(file, fcntl.LOCK_EX)
-                end = _whole_lines(file)
-                file.truncate(end)  # an incomplete last line was left by a killed process
-                if file.write(data) < len(data):
-                    file.truncate(end)
-                    raise RunFolderError(f"cannot write {self._file}: the disk is full. Free some space, then --resume")
-                os.fsync(file.fileno())
-        except OSError as error:
-            reason = reason_of(error)
-            raise RunFolderError(f"cannot write {self._file}: {reason}. --resume continues from here") from error
-
-
-def _whole_lines(file: FileIO) -> int:
-    """Return the size of the complete lines of a file, B."""
-    if file.seek(0, os.SEEK_END) == 0:
-        return 0
-    with mmap(file.fileno(), 0, access=ACCESS_READ) as content:
-        return content.rfind(b"\n") + 1
-
-
-@dataclass(frozen=True)
-class Claim:
-    """The exclusive right of this process to compute a point; released at the latest when the process ends."""
-
-    file: Path
-    descriptor: int
-
-    def release(self) -> None:
-        """Release the point."""
-        self.file.unlink(missing_ok=True)
-        os.close(self.descriptor)
+    try:
+        content = file.read_bytes()
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise RunFolderError(f"cannot read {file}: {reason_of(error)}") from error
+    lines = content[: content.rfind(b"\n") + 1].splitlines()
+    rows = (Row.from_json(line, f"{file}:{number}") for number, line in enumerate(lines, 1))
+    return {row.key: row for row in rows}
 
 
 @dataclass(frozen=True)
 class SweepFolder:
-    """The folder of a sweep.
+    """The folder of a sweep, which one process at a time works on.
 
     Attributes:
         path: the folder.
-        results: the finished points.
+        rows: the finished points by their keys.
+        file: file of the finished points, one line of JSON each; locked until this process ends or closes it.
     """
 
     path: Path
-    results: Results
+    rows: dict[str, Row]
+    file: FileIO
 
     @classmethod
     def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> SweepFolder:
         """Create the folder, or open an existing one; arguments and errors as :func:`open_folder`."""
         head = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
         document = sweep.settings.model_dump(mode="json")
-        open_folder(path, DOCUMENT, document, resume=resume, head=head, inside=("claims", "logs", "scratch"))
-        return cls(path, Results(path / ROWS))
+        open_folder(path, DOCUMENT, document, resume=resume, head=head, inside=("logs", "scratch"))
+        try:
+            file = (path / ROWS).open("ab+", buffering=0)
+        except OSError as error:
+            raise RunFolderError(f"cannot write {path / ROWS}: {reason_of(error)}") from error
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            file.close()
+            raise RunFolderError(f"another process works on {path}: wait for it, or choose another --out") from error
+        rows = read_rows(path / ROWS)  # raises before anything is written
+        file.truncate((path / ROWS).read_bytes().rfind(b"\n") + 1)  # a killed process left an incomplete last line
+        return cls(path, rows, file)
+
+    def close(self) -> None:
+        """Remove what is unfinished, and unlock the folder."""
+        shutil.rmtree(self.path / "scratch", ignore_errors=True)
+        self.file.close()
 
     @property
     def logs(self) -> Path:
@@ -198,23 +153,22 @@ class SweepFolder:
         """Return the folder of a point's runs while it is computed."""
         return self.path / "scratch" / key
 
-    def claim(self, key: str) -> Claim | None:
-        """Reserve a point for this process; ``None`` if another one computes it or has finished it."""
-        file = self.path / "claims" / key
+    def append(self, row: Row) -> None:
+        """Save a finished point: its line is on the disk when this returns.
+
+        Raises:
+            RunFolderError: if it cannot be written; the file is then unchanged.
+        """
+        data, end = f"{row.to_json()}\n".encode(), self.file.seek(0, os.SEEK_END)
         try:
-            descriptor = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+            if self.file.write(data) < len(data):
+                raise OSError(errno.ENOSPC, "the disk is full")
+            os.fsync(self.file.fileno())
         except OSError as error:
-            raise RunFolderError(f"cannot write {file}: {reason_of(error)}") from error
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            return None
-        claim = Claim(file, descriptor)
-        if key in self.results.rows():  # finished between the reading of the results and the lock
-            claim.release()
-            return None
-        return claim
+            self.file.truncate(end)
+            words = f"cannot write {self.path / ROWS}: {reason_of(error)}. --resume continues from here"
+            raise RunFolderError(words) from error
+        self.rows[row.key] = row
 
     def keep_log(self, row: Row, most: int) -> str:
         """Move the run folder of a finished point to the kept ones, at most ``most``, and return its name.

@@ -1,21 +1,31 @@
-"""Tasks in child processes: one that raises, hangs or ends its process affects no other task."""
+"""Tasks in child processes, of this machine or of Dask's workers: one that raises, hangs or dies affects no other."""
 
 from __future__ import annotations
 
 import itertools
+import multiprocessing
 import os
+import socket
 import threading
+import uuid
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
+from pathlib import Path
 from typing import Any, TypeVar
 
-__all__ = ["Children", "Died", "Hung", "Pool", "available_cores"]
+from lgmpc.errors import ClusterError, InputError, MissingDependencyError
+from lgmpc.runs import versions
+
+__all__ = ["DaskPool", "Died", "Hung", "Pool", "available_cores"]
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _POLL_S = 0.5
+_CONNECT_S = 5
 
 
 def available_cores() -> int:
@@ -160,6 +170,7 @@ class Pool:
     def __init__(self, workers: int, initialize: Callable[[], None], time_limit_s: float) -> None:
         self._workers, self._children = workers, Children(initialize, time_limit_s)
         self._executor: Executor = ThreadPoolExecutor(workers)
+        self._compute: Callable[..., Any] = self._children.compute
 
     def __enter__(self) -> Pool:
         return self
@@ -184,7 +195,7 @@ class Pool:
         waiting, running = iter(tasks), dict[Future[R], T]()
         while True:
             for task in itertools.islice(waiting, max(0, (workers or self._capacity()) - len(running))):
-                running[self._submit(function, task)] = task
+                running[self._executor.submit(self._compute, function, task)] = task
             if not running:
                 return
             # As a list, because Dask computes a finished task again, whose worker ends, while its future is referenced.
@@ -194,11 +205,118 @@ class Pool:
     def _capacity(self) -> int:
         return self._workers
 
-    def _submit(self, function: Callable[[T], R], task: T) -> Future[R]:
-        return self._executor.submit(self._children.compute, function, task)
-
     def _result(self, future: Future[Any]) -> Any:
         try:
             return future.result()
         except Exception as error:
             return error
+
+
+class DaskPool(Pool):
+    """Child processes of Dask's workers, one for each of their threads.
+
+    If a worker or its machine ends, Dask computes the task again on another one; after the number of failures that the
+    scheduler allows (``distributed.scheduler.allowed-failures``, 3) the result is :class:`Died`. :meth:`map` raises
+    :class:`lgmpc.errors.ClusterError` if the connection to the scheduler is lost, or if a worker has no access to the
+    folder or other versions of packages.
+
+    Args:
+        address: address of the scheduler, such as ``tcp://host:8786``.
+        initialize: called first in each process; importable by name.
+        time_limit_s: longest time of a task, s.
+        folder: folder of the sweep, on a file system that the workers share.
+
+    Raises:
+        InputError: no scheduler answers.
+        MissingDependencyError: distributed is not installed.
+    """
+
+    def __init__(self, address: str, initialize: Callable[[], None], time_limit_s: float, folder: Path) -> None:
+        try:
+            import distributed
+        except ImportError as error:
+            words = "a sweep on a Dask cluster"
+            raise MissingDependencyError("distributed", words, 'pip install "lgmpc[dask]"') from error
+        try:
+            self._client = distributed.Client(address, timeout=_CONNECT_S)
+        except (OSError, TimeoutError, ValueError) as error:
+            expected = f"the address of a running scheduler, such as tcp://host:8786 ({error})"
+            raise InputError("dask", address, expected) from error
+        self._executor, self._killed = self._client.get_executor(pure=False), distributed.KilledWorker
+        self._remote = _Remote(uuid.uuid4().hex, initialize, time_limit_s, folder.resolve(), dict(versions()))
+        self._compute = self._remote.compute
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(Exception):  # without a scheduler there is no worker to end
+            self._executor.shutdown(wait=False)
+            self._client.run(_end_processes, self._remote.session)
+        self._client.close()
+
+    def _capacity(self) -> int:
+        """Return the number of tasks that the present workers compute at once; 1 before the first worker."""
+        if self._client.status != "running":
+            raise _lost()
+        return max(1, sum(map(int, self._client.nthreads().values())))
+
+    def _result(self, future: Future[Any]) -> Any:
+        result = super()._result(future)
+        if isinstance(result, CancelledError):
+            raise _lost()
+        if isinstance(result, ClusterError):
+            raise result
+        if isinstance(result, self._killed):
+            return Died("every worker that computed it ended: killed, its machine lost, or out of memory")
+        return result
+
+
+def _lost() -> ClusterError:
+    return ClusterError("the connection to the Dask scheduler is lost: the same command with --resume continues")
+
+
+@dataclass(frozen=True)
+class _Remote:
+    """The data that a worker requires to compute tasks.
+
+    Attributes:
+        session: identifier of the pool.
+        initialize: as in :class:`Children`, and so is the next one.
+        time_limit_s: longest time of a task, s.
+        folder: folder that the worker must share with the process that runs the sweep.
+        versions: versions of packages that both must have, by name.
+    """
+
+    session: str
+    initialize: Callable[[], None]
+    time_limit_s: float
+    folder: Path
+    versions: dict[str, str]
+
+    def compute(self, function: Callable[[T], R], task: T) -> R:
+        """Compute a task in a child process of this worker."""
+        with _lock:
+            if self.session not in _children:
+                self._check()
+                multiprocessing.current_process().daemon = False  # Dask's are daemons, which could start no process
+                _children[self.session] = Children(self.initialize, self.time_limit_s)
+        return _children[self.session].compute(function, task)
+
+    def _check(self) -> None:
+        """Raise ClusterError, which names the folder or the versions that differ."""
+        worker, here = f"the worker on {socket.gethostname()}", versions()
+        if not self.folder.is_dir():
+            raise ClusterError(f"{worker} has no folder {self.folder}: choose a shared folder with --out")
+        others = {name: wanted for name, wanted in self.versions.items() if here.get(name) != wanted}
+        if others:
+            words = (f"{name} {here.get(name, 'none')} instead of {wanted}" for name, wanted in others.items())
+            raise ClusterError(f"{worker} has other versions: {', '.join(words)}")
+
+
+_lock = threading.Lock()
+_children: dict[str, Children] = {}
+"""The processes of each session, in a worker."""
+
+
+def _end_processes(session: str) -> None:
+    """Kill the processes of a session in this worker."""
+    if session in _children:
+        _children.pop(session).close()

@@ -10,7 +10,7 @@ from typing import Any
 
 from lgmpc.errors import RunFolderError
 from lgmpc.sweeps.design import Sweep, load_sweep
-from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY, Results
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY, read_rows
 from lgmpc.sweeps.rows import Row, place
 from lgmpc.sweeps.settings import Directions
 from lgmpc.sweeps.summary import Summary, summarize
@@ -33,7 +33,7 @@ def load_results(folder: Path) -> tuple[Sweep, dict[str, Row]]:
         ConfigError: if its document or a base config cannot be read.
     """
     sweep = load_sweep(folder / DOCUMENT)
-    by_place = {place(row): row for row in Results(folder / ROWS).rows().values()}
+    by_place = {place(row): row for row in read_rows(folder / ROWS).values()}
     rows = {point.key: by_place[place(point)] for point in sweep.points if place(point) in by_place}
     if not rows:
         raise RunFolderError(f"{folder} has no finished point: lgmpc sweep {folder / DOCUMENT} --out {folder} --resume")

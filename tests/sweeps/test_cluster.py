@@ -11,8 +11,7 @@ import pytest
 from lgmpc.config.execution import run_config
 from lgmpc.errors import ClusterError, InputError
 from lgmpc.sweeps import Ending, SweepProgress, run_sweep
-from lgmpc.sweeps.cluster import DaskPool, dask_client
-from lgmpc.sweeps.pool import Died, Hung
+from lgmpc.sweeps.pool import DaskPool, Died, Hung
 from lgmpc.sweeps.trial import start_worker
 
 from .conftest import Parse
@@ -27,7 +26,11 @@ FAILURES = {"distributed.scheduler.allowed-failures": 1}
 
 @pytest.fixture(scope="module")
 def client() -> Iterator["distributed.Client"]:
-    with dask.config.set(FAILURES), dask_client("local", 2) as found:
+    with (
+        dask.config.set(FAILURES),
+        distributed.LocalCluster(2, threads_per_worker=1, memory_limit=0, dashboard_address="127.0.0.1:0") as cluster,
+        distributed.Client(cluster) as found,
+    ):
         yield found
 
 
@@ -48,7 +51,7 @@ def act(task: tuple[str, str]) -> str:
 def test_each_task_pays_for_itself_only(client: "distributed.Client", tmp_path: Path) -> None:
     """As with a pool of processes; a task whose worker is killed is computed again, unless it kills every one."""
     names = ["raise", "hang", "kill once", "a", "kill always", "b"]
-    with DaskPool(client, start_worker, 6.0, tmp_path) as pool:
+    with DaskPool(client.scheduler.address, start_worker, 6.0, tmp_path) as pool:
         found = dict(pool.map(act, [(name, str(tmp_path / name)) for name in names]))
     by_name = {name: result for (name, _), result in found.items()}
     assert isinstance(by_name["raise"], ValueError)
@@ -67,8 +70,7 @@ def test_a_sweep_continues_after_a_killed_worker_with_the_points_of_one_machine(
         if now.new == 1:
             os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
 
-    address = client.scheduler.address
-    there = run_sweep(sweep, tmp_path / "there", cluster=lambda _: dask_client(address), progress=kill_one)
+    there = run_sweep(sweep, tmp_path / "there", dask=client.scheduler.address, progress=kill_one)
     assert {row.ending for row in there.rows.values()} == {Ending.PASS}
     lines = (tmp_path / "there" / "results.jsonl").read_text().splitlines()
     assert len(lines) == len(there.rows) == 4  # the killed worker's point is computed again, and is one row
@@ -76,25 +78,31 @@ def test_a_sweep_continues_after_a_killed_worker_with_the_points_of_one_machine(
         here = run_config(point.config, tmp_path / "here").session.metrics
         assert here is not None
         assert there.rows[point.key].metrics == {"max_tilt_deg": here.max_tilt_deg}
-    assert [list((tmp_path / "there" / name).iterdir()) for name in ("claims", "scratch")] == [[], []]
     assert len(list((tmp_path / "there" / "logs").iterdir())) == 4
 
 
 def test_a_worker_that_sees_another_folder_or_has_other_versions_ends_the_sweep(
     client: "distributed.Client", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    there = client.scheduler.address
     words = "has no folder .*elsewhere: choose a shared folder"
-    with DaskPool(client, start_worker, 4.0, tmp_path / "elsewhere") as pool, pytest.raises(ClusterError, match=words):
+    with (
+        DaskPool(there, start_worker, 4.0, tmp_path / "elsewhere") as pool,
+        pytest.raises(ClusterError, match=words),
+    ):
         list(pool.map(act, [("a", "")]))
-    monkeypatch.setattr("lgmpc.sweeps.cluster.versions", lambda: {"lgmpc": "0.0"})
+    monkeypatch.setattr("lgmpc.sweeps.pool.versions", lambda: {"lgmpc": "0.0"})
     words = "has other versions: lgmpc .* instead of 0.0"
-    with DaskPool(client, start_worker, 4.0, tmp_path) as pool, pytest.raises(ClusterError, match=words):
+    with (
+        DaskPool(there, start_worker, 4.0, tmp_path) as pool,
+        pytest.raises(ClusterError, match=words),
+    ):
         list(pool.map(act, [("a", "")]))
 
 
 def test_a_lost_scheduler_ends_the_sweep(tmp_path: Path) -> None:
     with distributed.LocalCluster(n_workers=1, dashboard_address="127.0.0.1:0") as cluster:
-        with distributed.Client(cluster) as own, DaskPool(own, start_worker, 60.0, tmp_path) as pool:
+        with DaskPool(cluster.scheduler_address, start_worker, 60.0, tmp_path) as pool:
             results = pool.map(act, [("a", ""), ("hang", ""), ("b", "")])
             next(results)
             cluster.close()
@@ -102,8 +110,9 @@ def test_a_lost_scheduler_ends_the_sweep(tmp_path: Path) -> None:
                 list(results)
 
 
-def test_no_scheduler_and_workers_of_a_scheduler_are_one_error() -> None:
+def test_no_scheduler_and_workers_of_a_scheduler_are_one_error(tmp_path: Path, parse: Parse) -> None:
+    sweep = parse("variants: {a: {}}")
     with pytest.raises(InputError, match="dask: got tcp://127.0.0.1:9; expected the address of a running scheduler"):
-        dask_client("tcp://127.0.0.1:9").__enter__()
-    with pytest.raises(InputError, match="workers: got 2; expected none with the address of a scheduler"):
-        dask_client("tcp://127.0.0.1:9", 2).__enter__()
+        run_sweep(sweep, tmp_path / "out", dask="tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match="workers: got 2; expected none: the cluster has its own"):
+        run_sweep(sweep, tmp_path / "out", dask="tcp://127.0.0.1:9", workers=2)

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -74,12 +75,10 @@ def save(tmp_path: Path, parse: Parse) -> Save:
 
     def make(name: str, passes: Callable[[int], bool], tilt: Callable[[int], float], text: str = "") -> Path:
         sweep = parse("samples: {count: 30, keys: [{key: plant.friction, kind: uniform, range: [0.5, 0.9]}]}\n" + text)
-        folder = SweepFolder.open(tmp_path / name, sweep, resume=False)
-        for i, point in enumerate(sweep.points):
-            ending = Ending.PASS if passes(i) else Ending.FAIL
-            folder.results.append(
-                Row(point.key, ending, metrics={"max_tilt_deg": tilt(i)}, base=point.base, levels=point.levels, draw=i)
-            )
+        with closing(SweepFolder.open(tmp_path / name, sweep, resume=False)) as folder:
+            for i, point in enumerate(sweep.points):
+                ending, metrics = Ending.PASS if passes(i) else Ending.FAIL, {"max_tilt_deg": tilt(i)}
+                folder.append(Row(point.key, ending, metrics=metrics, base=point.base, levels=point.levels, draw=i))
         return folder.path
 
     return make
@@ -126,6 +125,7 @@ def test_what_cannot_be_compared_is_refused(save: Save, runs: dict[str, Path], t
     with pytest.raises(InputError, match="margin: got -0.1"):
         compare_folders(sweep, sweep, margin=-0.1)
     empty = SweepFolder.open(tmp_path / "empty", parse("variants: {a: {}, b: {seed: 1}}"), resume=False)
+    empty.close()
     with pytest.raises(RunFolderError, match="no finished point in common"):
         compare_folders(sweep, empty.path)
     with pytest.raises(RunFolderError, match="does not exist"):

@@ -42,6 +42,7 @@ def test_the_document_in_the_folder_of_a_sweep_refers_to_the_same_bases(tmp_path
     sweep = load_sweep(file)
     assert sweep.settings.base == (str(tmp_path / "own.yaml"), "solo12_stand")
     folder = SweepFolder.open(tmp_path / "elsewhere" / "a", sweep, resume=False)
+    folder.close()
     assert load_sweep(folder.path / DOCUMENT) == sweep
 
 

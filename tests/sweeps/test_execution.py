@@ -1,12 +1,9 @@
 """Sweeps of a robot that stands for a tenth of a second, computed in worker processes."""
 
-import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +15,7 @@ from lgmpc.config.execution import run_config
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.runs import RunFolder, flat_metrics
 from lgmpc.sweeps import Ending, SweepProgress, parse_sweep, run_sweep
-from lgmpc.sweeps.folder import SweepFolder
+from lgmpc.sweeps.folder import ROWS, SweepFolder, read_rows
 from lgmpc.sweeps.pool import Died, Hung, Pool
 from lgmpc.sweeps.trial import warm
 
@@ -111,25 +108,18 @@ def test_a_config_that_cannot_be_built_ends_no_process(worker: Pool, parse: Pars
 
 
 @pytest.mark.usefixtures("one_worker")
-def test_a_signal_leaves_no_point_half_claimed_or_half_saved(
-    tmp_path: Path, parse: Parse, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The signal comes where the claim's file is there and its holder not yet known, or the row saved and not freed."""
-    sweep = parse(TWO)
-    whole: dict[str, Callable[..., object]] = {"claim": SweepFolder.claim, "keep_log": SweepFolder.keep_log}
-    for number, name in enumerate(whole):
+def test_a_signal_leaves_no_point_half_saved(tmp_path: Path, parse: Parse, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The signal comes where the log is kept and the row not yet written."""
 
-        def interrupted(self: SweepFolder, *args: object, method: Callable[..., object] = whole[name]) -> object:
-            result = method(self, *args)
-            os.kill(os.getpid(), signal.SIGTERM)
-            return result
+    def interrupted(self: SweepFolder, *args: object, keep: Callable[..., object] = SweepFolder.keep_log) -> object:
+        result = keep(self, *args)
+        os.kill(os.getpid(), signal.SIGTERM)
+        return result
 
-        out = tmp_path / name
-        with monkeypatch.context() as patch:
-            patch.setattr(SweepFolder, name, interrupted)
-            finished = run_sweep(sweep, out, workers=1)
-        assert (finished.signal, len(finished.rows)) == (signal.SIGTERM, number)
-        assert [list((out / folder).iterdir()) for folder in ("claims", "scratch")] == [[], []]
+    monkeypatch.setattr(SweepFolder, "keep_log", interrupted)
+    finished = run_sweep(parse(TWO), tmp_path / "out", workers=1)
+    assert (finished.signal, len(finished.rows)) == (signal.SIGTERM, 1)
+    assert not (tmp_path / "out" / "scratch").exists()
 
 
 class DoomedPool:
@@ -160,77 +150,6 @@ def test_what_hangs_or_dies_is_a_row_with_its_reason_and_a_config_that_repeats_i
     assert [load_config(file) for file in kept] == [point.config for point in sweep.points]
 
 
-CLOCK = """
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <sys/time.h>
-#include <time.h>
-
-static int calls;
-static time_t step(void) { return (++calls % 2 ? 1 : -1) * 3 * 86400; }
-
-int clock_gettime(clockid_t clock, struct timespec *now) {
-    static int (*real)(clockid_t, struct timespec *);
-    if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
-    int code = real(clock, now);
-    if (clock == CLOCK_REALTIME) now->tv_sec += step();
-    return code;
-}
-
-int gettimeofday(struct timeval *now, void *zone) {
-    struct timespec exact;
-    clock_gettime(CLOCK_REALTIME, &exact);
-    now->tv_sec = exact.tv_sec;
-    now->tv_usec = exact.tv_nsec / 1000;
-    return 0;
-}
-
-time_t time(time_t *now) {
-    struct timespec exact;
-    clock_gettime(CLOCK_REALTIME, &exact);
-    if (now) *now = exact.tv_sec;
-    return exact.tv_sec;
-}
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not sys.platform.startswith("linux") or shutil.which("cc") is None, reason="preloads a library")
-def test_a_clock_that_is_stepped_changes_no_result(tmp_path: Path) -> None:
-    """By three days, to and fro at every call: durations and limits are of the clock that is not stepped."""
-    source, library = tmp_path / "clock.c", tmp_path / "clock.so"
-    source.write_text(CLOCK, encoding="utf-8")
-    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
-    text = STAND + "factors: [{key: seed, kind: values, values: [1, 2]}]\nmetrics: [max_tilt_deg]\ntime_limit_s: 300.0"
-    script, out = tmp_path / "script.py", tmp_path / "out"
-    script.write_text(SCRIPT.format(text=text, out=str(out)) + "    print(time.time() - time.time())", encoding="utf-8")
-    environment = os.environ | {"LD_PRELOAD": str(library)}
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, check=False)
-    assert done.returncode == 0, done.stderr
-    assert abs(float(done.stdout.splitlines()[-1])) > 5.9 * 86400  # the clock is stepped
-    sweep = parse_sweep(text)
-    rows = SweepFolder.open(out, sweep, resume=True).results.rows()
-    for point in sweep.points:
-        row, alone = rows[point.key], run_config(point.config, tmp_path / "alone").session.metrics
-        assert alone is not None
-        assert (row.ending, row.metrics) == (Ending.PASS, {"max_tilt_deg": alone.max_tilt_deg})
-        assert 0.0 < row.elapsed_s < 300.0
-
-
-@pytest.mark.slow
-def test_two_processes_share_a_folder_and_no_point_is_computed_twice(tmp_path: Path) -> None:
-    text = STAND + "factors: [{key: seed, kind: values, values: [1, 2, 3, 4, 5, 6]}]"
-    script, out = tmp_path / "script.py", tmp_path / "out"
-    script.write_text(SCRIPT.format(text=text, out=str(out)), encoding="utf-8")
-    both = [subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    said = [process.communicate(timeout=300)[0] for process in both]
-    assert [process.returncode for process in both] == [0, 0]
-    assert all("ended by None" in each for each in said)
-    keys = [json.loads(line)["key"] for line in (out / "results.jsonl").read_text(encoding="utf-8").splitlines()]
-    assert sorted(keys) == sorted(point.key for point in parse_sweep(text).points)
-    assert [list((out / name).iterdir()) for name in ("claims", "scratch")] == [[], []]
-
-
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not enforce the limit")
 def test_what_exhausts_its_memory_is_a_row_with_its_reason(tmp_path: Path) -> None:
     """The log of a simulated hour takes six gigabytes."""
@@ -240,18 +159,6 @@ def test_what_exhausts_its_memory_is_a_row_with_its_reason(tmp_path: Path) -> No
     hour, moment = (finished.rows[point.key] for point in sweep.points)
     assert (hour.ending, moment.ending) == (Ending.RAISED, Ending.PASS)
     assert "MemoryError" in hour.reasons[0] and "allocate" in hour.reasons[0]
-
-
-@pytest.mark.usefixtures("one_worker")
-def test_points_that_another_process_computes_are_left_to_it(tmp_path: Path, parse: Parse) -> None:
-    sweep = parse("factors: [{key: seed, kind: values, values: [1, 2]}]")
-    folder = SweepFolder.open(tmp_path / "out", sweep, resume=False)
-    claim = folder.claim(sweep.points[0].key)
-    assert claim is not None
-    # A lock belongs to the open file, so this process excludes itself too.
-    finished = run_sweep(sweep, tmp_path / "out", workers=1, resume=True)
-    assert set(finished.rows) == {sweep.points[1].key}
-    claim.release()
 
 
 def test_the_number_of_workers_is_checked(tmp_path: Path, parse: Parse) -> None:
@@ -286,35 +193,12 @@ def test_a_stopped_sweep_goes_on(tmp_path: Path, number: signal.Signals) -> None
     if number != signal.SIGKILL:
         assert f"ended by {number!r}" in rest or f"ended by {number}" in rest
         assert process.returncode == 0
-        assert list((out / "claims").iterdir()) == []
-        assert list((out / "scratch").iterdir()) == []
+        assert not (out / "scratch").exists()
     sweep = parse_sweep(text)
-    before = set(SweepFolder.open(out, sweep, resume=True).results.rows())
+    before = set(read_rows(out / ROWS))
     assert 1 <= len(before) < 3
-    if number == signal.SIGKILL:
-        _wait_until(lambda: not _locked(out))  # its worker notices that it is alone, and ends
     new: list[SweepProgress] = []
     finished = run_sweep(sweep, out, workers=1, resume=True, progress=new.append)
     assert {row.ending for row in finished.rows.values()} == {Ending.PASS}
     assert len(finished.rows) == 3
     assert new[-1].new == 3 - len(before)
-
-
-def _locked(out: Path) -> bool:
-    import fcntl
-
-    for file in (out / "claims").iterdir():
-        with file.open() as stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return True
-    return False
-
-
-def _wait_until(holds: Callable[[], bool]) -> None:
-    for _ in range(600):
-        if holds():
-            return
-        time.sleep(0.1)
-    pytest.fail("waited for a minute")

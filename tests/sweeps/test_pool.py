@@ -22,13 +22,18 @@ from lgmpc.sweeps.trial import start_worker
 
 
 def test_each_task_pays_for_itself_only() -> None:
-    with Pool(1, nothing, time_limit_s=3.0) as pool:
-        found = dict(pool.map(act, ["a", "raise", "b", "die", "hang", "d"]))
+    with Pool(1, start_worker, time_limit_s=3.0) as pool:
+        odd = ["unpicklable", "error that does not unpickle", "die", "hang"]
+        found = dict(pool.map(act, ["a", "raise", "terminate", "b", *odd, "d"]))
         first, second = found["a"], found["b"]
         # A worker stays alive, also after an exception.
         assert str(first).split()[0] == "a"
         assert str(first).split()[2] == str(second).split()[2]
         assert isinstance(found["raise"], ValueError)
+        # A scheduler sends SIGTERM to all processes of a job; the worker's point is then computed elsewhere.
+        assert str(found["terminate"]).startswith("terminate in ")
+        assert isinstance(found["unpicklable"], RuntimeError) and "pickle" in str(found["unpicklable"])
+        assert isinstance(found["error that does not unpickle"], TypeError)
         assert isinstance(found["die"], Died)
         assert isinstance(found["hang"], Hung)
         assert str(found["d"]).startswith("d in ")
@@ -105,21 +110,6 @@ def test_a_process_that_is_starting_when_the_pool_ends_is_killed(monkeypatch: py
     for process in set(multiprocessing.active_children()) - before:
         process.join(60.0)
         assert process.exitcode == -signal.SIGKILL
-
-
-def test_signals_to_a_worker_do_not_end_its_task() -> None:
-    """A scheduler sends SIGTERM to all processes of a job; the worker's point is then computed elsewhere."""
-    with Pool(1, start_worker, time_limit_s=60.0) as pool:
-        ((_, result),) = pool.map(act, ["terminate"])
-    assert str(result).startswith("terminate in ")
-
-
-def test_results_and_errors_that_cannot_be_pickled_are_their_own_tasks_errors() -> None:
-    with Pool(1, nothing, time_limit_s=60.0) as pool:
-        found = dict(pool.map(act, ["unpicklable", "error that does not unpickle", "a"]))
-    assert isinstance(found["unpicklable"], RuntimeError) and "pickle" in str(found["unpicklable"])
-    assert isinstance(found["error that does not unpickle"], TypeError)
-    assert str(found["a"]).startswith("a in ")
 
 
 def test_one_bad_config_is_the_error_of_its_task_in_an_executor_of_the_standard_library() -> None:

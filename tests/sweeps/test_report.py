@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,10 @@ DOCUMENT = "factors: [{key: plant.friction, kind: values, values: [0.4, 0.8]}]\n
 def folder(tmp_path: Path, parse: Parse) -> Path:
     """The folder of a sweep of which three of four points are finished."""
     sweep = parse(DOCUMENT)
-    place = SweepFolder.open(tmp_path / "stand", sweep, resume=False)
-    for point, ending in zip(sweep.points[:3], (Ending.PASS, Ending.RAISED, Ending.FAIL), strict=True):
-        where = {"base": point.base, "variant": point.variant, "levels": dict(point.levels), "draw": point.draw}
-        place.results.append(Row(point.key, ending, ("a <reason>",) * (ending is not Ending.PASS), **where))
+    with closing(SweepFolder.open(tmp_path / "stand", sweep, resume=False)) as place:
+        for point, ending in zip(sweep.points[:3], (Ending.PASS, Ending.RAISED, Ending.FAIL), strict=True):
+            where = {"base": point.base, "variant": point.variant, "levels": dict(point.levels), "draw": point.draw}
+            place.append(Row(point.key, ending, ("a <reason>",) * (ending is not Ending.PASS), **where))
     return place.path
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
-from lgmpc.mechanics.phases.cat import Cat, flip
+from lgmpc.mechanics.phases import Cat, flip
 from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["run"]

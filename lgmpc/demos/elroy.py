@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
-from lgmpc.mechanics.phases.elroy import Beanie
+from lgmpc.mechanics import Beanie
 from lgmpc.typing import Array
 
 __all__ = ["run"]

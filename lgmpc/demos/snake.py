@@ -10,8 +10,8 @@ import numpy as np
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.lie import so3
-from lgmpc.mechanics.phases.connection import Connection, circle
-from lgmpc.mechanics.phases.three_link import ThreeLink
+from lgmpc.mechanics import Connection, ThreeLink
+from lgmpc.mechanics.connection import circle
 from lgmpc.typing import Array
 
 __all__ = ["run"]

@@ -8,16 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 from scipy.integrate import simpson
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.lie import se3
-from lgmpc.mechanics.multibody.centroidal import CentroidalTerms, centroidal_terms, wrench_about
-from lgmpc.mechanics.multibody.floating_base import FloatingBaseDynamics
 from lgmpc.mechanics.rollout import runge_kutta4
 from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.typing import Array
 
 __all__ = ["run"]
@@ -33,13 +33,13 @@ _COLORS = (0x34414F, 0xE69F00, 0x4C78A8)
 
 @dataclass(frozen=True)
 class _Flight:
-    """Configurations (n, nq), velocities (n, nv), the pulled foot (n, 3) and centroidal terms (n) over times (n,)."""
+    """Configurations (n, nq) over times (n,), pulled foot, centre of mass (n, 3) and centroidal momentum (n, 6)."""
 
     times: Array
     qs: Array
-    vs: Array
     feet: Array
-    terms: tuple[CentroidalTerms, ...]
+    coms: Array
+    momenta: Array
 
 
 def run() -> Outcome:
@@ -54,8 +54,7 @@ def run() -> Outcome:
         )
     )
     flight = _fly(robot)
-    momenta = np.array([t.momentum(v) for t, v in zip(flight.terms, flight.vs, strict=True)])
-    coms = np.array([t.com for t in flight.terms])
+    momenta, coms = flight.momenta, flight.coms
     pulled = slice(_PULL[0], _PULL[1] + 1)
     lasts = (_PULL[1] - _PULL[0]) * _STEP
     total = _STEP * _STEPS
@@ -67,10 +66,7 @@ def run() -> Outcome:
     com = coms[0] + momenta[0, :3] / robot.mass * total + 0.5 * robot.gravity * total**2
     com += _FORCE * lasts / robot.mass * since
     # The pull's moment about the centre of mass depends on where the foot is: a quadrature.
-    levers = [
-        wrench_about(c, p[None], _FORCE[None])[3:] for c, p in zip(coms[pulled], flight.feet[pulled], strict=True)
-    ]
-    turned = simpson(np.array(levers), dx=_STEP, axis=0)
+    turned = simpson(np.cross(flight.feet[pulled] - coms[pulled], _FORCE), dx=_STEP, axis=0)
 
     free = momenta[: _PULL[0] + 1, 3:]
     rows = [
@@ -156,14 +152,15 @@ def _fly(robot: Robot) -> _Flight:
         u, v = np.split(runge_kutta4(slope, np.concatenate((np.zeros(robot.nv), vs[-1])), _STEP), 2)
         qs.append(pin.integrate(model, qs[-1], u))
         vs.append(v)
-    dynamics = FloatingBaseDynamics(model)
-    terms = tuple(centroidal_terms(dynamics.equations(q, v), q, v) for q, v in zip(qs, vs, strict=True))
     feet = []
     for q in qs:
         pin.framesForwardKinematics(model, data, q)
         feet.append(data.oMf[foot].translation.copy())
     times: Array = _STEP * np.arange(_STEPS + 1, dtype=np.float64)
-    return _Flight(times, np.array(qs), np.array(vs), np.array(feet), terms)
+    symbolic, at, moving = SymbolicModel(model), ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
+    measure = ca.Function("measure", [at, moving], [symbolic.com(at), symbolic.momentum(at, moving)])
+    coms, momenta = (found.full().T for found in measure.map(len(qs))(np.array(qs).T, np.array(vs).T))
+    return _Flight(times, np.array(qs), np.array(feet), coms, momenta)
 
 
 def _inverse_differential(u: Array, v: Array) -> Array:

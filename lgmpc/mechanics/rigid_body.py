@@ -16,9 +16,8 @@ from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
 from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen
-from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
-from lgmpc.mechanics.reduction.groups import SE3, SO3
-from lgmpc.mechanics.reduction.terms import Advected, Expression
+from lgmpc.mechanics.euler_poincare import Advected, Expression, LeftEulerPoincare
+from lgmpc.mechanics.groups import SE3, SO3
 from lgmpc.typing import GRAVITY, Array
 
 __all__ = [

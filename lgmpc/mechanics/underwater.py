@@ -23,12 +23,11 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from lgmpc.errors import InputError
-from lgmpc.lie import checks, se3, so3
+from lgmpc.lie import checks, se3
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_positive, check_vector, frozen
-from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
-from lgmpc.mechanics.reduction.groups import SE3
-from lgmpc.mechanics.reduction.terms import Expression, Symbols
+from lgmpc.mechanics.euler_poincare import Expression, LeftEulerPoincare, Symbols
+from lgmpc.mechanics.groups import SE3
 from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.typing import GRAVITY, Array
 
@@ -99,64 +98,6 @@ class UnderwaterVehicle:
     def weight(self) -> float:
         """Weight of the body in air, N."""
         return self.body.mass * self.gravity
-
-    def coriolis(self, velocity: ArrayLike) -> Array:
-        """Return (6, 6) C(nu), skew, from M (Fossen 2011, theorem 3.2): ``C(nu) nu = -coadjoint(nu) M nu``.
-
-        Args:
-            velocity: (6,) nu.
-
-        Raises:
-            InputError: another shape, or not finite.
-        """
-        linear, angular = np.split(self.mass_matrix @ check_vector("velocity", velocity, 6), 2)
-        return np.block([[np.zeros((3, 3)), -so3.hat(linear)], [-so3.hat(linear), -so3.hat(angular)]])
-
-    def damping(self, velocity: ArrayLike) -> Array:
-        """Return (6, 6) ``D(nu) = D_l + diag(d |nu|)``.
-
-        Raises:
-            InputError: a velocity of another shape, or not finite.
-        """
-        return self.linear_damping + np.diag(self.quadratic_damping * np.abs(check_vector("velocity", velocity, 6)))
-
-    def restoring(self, rotation: ArrayLike) -> Array:
-        """Return (6,) g(eta): the wrench that balances weight and buoyancy.
-
-        Args:
-            rotation: (3, 3) world from body.
-
-        Raises:
-            InputError: no rotation.
-        """
-        up = checks.rotation("rotation", rotation)[2]
-        lever = self.weight * self.body.center - self.buoyancy * self.center_of_buoyancy
-        return np.concatenate(((self.weight - self.buoyancy) * up, np.cross(lever, up)))
-
-    def acceleration(self, rotation: ArrayLike, velocity: ArrayLike, wrench: ArrayLike) -> Array:
-        """Return (6,) nu' under a wrench tau (6,), N and N.m.
-
-        Raises:
-            InputError: no rotation, or vectors of another shape.
-        """
-        nu, tau = check_vector("velocity", velocity, 6), check_vector("wrench", wrench, 6)
-        force = tau - self.coriolis(nu) @ nu - self.damping(nu) @ nu - self.restoring(rotation)
-        return np.linalg.solve(self.mass_matrix, force).astype(np.float64)
-
-    def munk_moment(self, velocity: ArrayLike) -> Array:
-        """Return (3,) the moment of ideal fluid on a body in translation, ``(M_A nu)_linear x nu``, N.m.
-
-        It destabilises motion along the long axis. Munk, "The aerodynamic forces on airship hulls", NACA report 184
-        (1924).
-
-        Args:
-            velocity: (3,) linear velocity, body axes, m/s.
-
-        Raises:
-            InputError: another shape, or not finite.
-        """
-        linear = check_vector("velocity", velocity, 3)
-        return np.cross(self.added_mass[:3, :3] @ linear, linear)
 
     def linearization(self, velocity: ArrayLike) -> Array:
         """Return (6, 6) the Jacobian of nu' by nu without weight and buoyancy, for the stability of a steady motion.

@@ -13,7 +13,7 @@ import pytest
 from lgmpc.actions import ContactForwardDynamics, FreeForwardDynamics, MultibodyAction, RungeKutta4, Variational
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
-from lgmpc.mechanics.integrators.variational import discrete_euler_poincare
+from lgmpc.mechanics.integrators import discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.mechanics.underwater import UnderwaterVehicle
 from lgmpc.ocp import check_derivatives

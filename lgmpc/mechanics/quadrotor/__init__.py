@@ -3,10 +3,24 @@
 All functions support leading batch axes: a Monte Carlo study is one simulation.
 """
 
-from lgmpc.mechanics.quadrotor.euler_angles import EulerAnglePid, EulerGains
-from lgmpc.mechanics.quadrotor.geometric import AttitudeCommand, GeometricController, GeometricGains, attitude_error
-from lgmpc.mechanics.quadrotor.model import Flight, Quadrotor, QuadrotorState, fly
-from lgmpc.mechanics.quadrotor.trajectory import FlatOutput, FlatTrajectory, Hover, Lissajous
+from lgmpc.mechanics.quadrotor.control import (
+    AttitudeCommand,
+    EulerAnglePid,
+    EulerGains,
+    GeometricController,
+    GeometricGains,
+    attitude_error,
+)
+from lgmpc.mechanics.quadrotor.model import (
+    FlatOutput,
+    FlatTrajectory,
+    Flight,
+    Hover,
+    Lissajous,
+    Quadrotor,
+    QuadrotorState,
+    fly,
+)
 
 __all__ = [
     "AttitudeCommand",

@@ -1,4 +1,7 @@
-"""The quadrotor's equations of motion, and a simulation of them by a Lie-group Runge-Kutta method (chapter 4.12.3)."""
+"""A quadrotor's equations of motion, flat outputs, and a simulation by a Lie-group Runge-Kutta method (chapter 4.12.3).
+
+Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011 (flat outputs).
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,21 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
-from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
+from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen
+from lgmpc.mechanics.rollout import runge_kutta4
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = ["Controller", "Flight", "Quadrotor", "QuadrotorState", "fly"]
+__all__ = [
+    "Controller",
+    "FlatOutput",
+    "FlatTrajectory",
+    "Flight",
+    "Hover",
+    "Lissajous",
+    "Quadrotor",
+    "QuadrotorState",
+    "fly",
+]
 
 _FASTEST = 0.5
 """rad per step: a vehicle that rotates more is lost; the method would not resolve it."""
@@ -179,50 +193,34 @@ def fly(
         turned = (cross(spin, state.rate) + torque) @ inverse
         return acceleration, turned, thrust, moment
 
-    def moved(base: QuadrotorState, h: float, v: Array, a: Array, turn: Array, alpha: Array) -> QuadrotorState:
-        return QuadrotorState(
-            base.position + h * v,
-            base.velocity + h * a,
-            base.rotation @ so3.exp.unchecked(h * turn),
-            base.rate + h * alpha,
-        )
-
-    def pulled_back(u: Array, omega: Array) -> Array:
-        return so3.act.unchecked(so3.right_jacobian_inverse.unchecked(u), omega)
+    def slope(elapsed: float, y: Array) -> Array:
+        """The rates of position, velocity, rotation vector from the step's first attitude, and body rates."""
+        moved = _at(state, y)
+        acceleration, turned, *_ = rates(t + elapsed, moved)
+        u = so3.right_jacobian_inverse.unchecked(y[..., 2, :])
+        return np.stack((moved.velocity, acceleration, so3.act.unchecked(u, moved.rate), turned), axis=-2)
 
     state = start
     lost: BoolArray = np.zeros(shape[1:-1], dtype=np.bool_)
     for k in range(count + 1):
-        t, s1 = times[k], state
-        a1, alpha1, thrust, moment = rates(t, s1)
-        position[k], velocity[k], rotation[k], rate[k] = s1.position, s1.velocity, s1.rotation, s1.rate
-        thrusts[k], moments[k] = thrust, moment
+        t = times[k]
+        *_, thrusts[k], moments[k] = rates(t, state)
+        position[k], velocity[k], rotation[k], rate[k] = state.position, state.velocity, state.rotation, state.rate
         if k == count:
             break
-        half = 0.5 * step
-        w1 = s1.rate
-        s2 = moved(state, half, s1.velocity, a1, w1, alpha1)
-        a2, alpha2, *_ = rates(t + half, s2)
-        w2 = pulled_back(half * w1, s2.rate)
-        s3 = moved(state, half, s2.velocity, a2, w2, alpha2)
-        a3, alpha3, *_ = rates(t + half, s3)
-        w3 = pulled_back(half * w2, s3.rate)
-        s4 = moved(state, step, s3.velocity, a3, w3, alpha3)
-        a4, alpha4, *_ = rates(t + step, s4)
-        w4 = pulled_back(step * w3, s4.rate)
-        ahead = moved(
-            state,
-            step / 6.0,
-            s1.velocity + 2.0 * (s2.velocity + s3.velocity) + s4.velocity,
-            a1 + 2.0 * (a2 + a3) + a4,
-            w1 + 2.0 * (w2 + w3) + w4,
-            alpha1 + 2.0 * (alpha2 + alpha3) + alpha4,
-        )
+        begun = np.stack((state.position, state.velocity, np.zeros_like(state.rate), state.rate), axis=-2)
+        ahead = _at(state, runge_kutta4(slope, begun, step))
         lost |= ~(np.linalg.norm(ahead.rate, axis=-1) < _FASTEST / step)
         state = ahead.unless(lost, state)
         if k % _PROJECTED_EVERY == _PROJECTED_EVERY - 1:
             state = replace(state, rotation=so3.project(state.rotation))
     return Flight(times, QuadrotorState(position, velocity, rotation, rate), thrusts, moments, lost)
+
+
+def _at(base: QuadrotorState, y: Array) -> QuadrotorState:
+    """Return the state at position, velocity, rotation vector from the base's attitude, and rate, (..., 4, 3)."""
+    turned = base.rotation @ so3.exp.unchecked(y[..., 2, :])
+    return QuadrotorState(y[..., 0, :], y[..., 1, :], turned, y[..., 3, :])
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -235,3 +233,84 @@ def dot(a: Array, b: Array) -> Array:
     """Return a . b over the last axis, which is kept with length 1."""
     found: Array = np.einsum("...i,...i->...", a, b)[..., None]
     return found
+
+
+@dataclass(frozen=True)
+class FlatOutput:
+    """Position and heading at one time, with the derivatives that determine state and control.
+
+    Attributes:
+        position: (5, 3) position and its first four time derivatives, world axes, m/s^k.
+        heading: (3, 3) direction onto which the body's x axis is projected, and two derivatives.
+    """
+
+    position: Array
+    heading: Array
+
+
+class FlatTrajectory(Protocol):
+    """A reference trajectory."""
+
+    def at(self, time: float) -> FlatOutput:
+        """Return position and heading at a time, s."""
+
+
+@dataclass(frozen=True)
+class Hover:
+    """A constant reference point.
+
+    Attributes:
+        point: (3,) m.
+        heading: (3,) direction of the body's x axis.
+
+    Raises:
+        InputError: a vector of another shape or not finite, or no direction.
+    """
+
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_vector("point", self.point, 3)
+        if not check_vector("heading", self.heading, 3).any():
+            raise InputError("heading", self.heading, "a direction")
+
+    def at(self, time: float) -> FlatOutput:
+        """Return the point at any time."""
+        position, heading = np.zeros((5, 3)), np.zeros((3, 3))
+        position[0], heading[0] = self.point, self.heading
+        return FlatOutput(position, heading)
+
+
+@dataclass(frozen=True)
+class Lissajous:
+    """Sinusoids along the axes, and a heading that turns at a constant rate.
+
+    Attributes:
+        amplitude: (3,) m.
+        frequency: (3,) rad/s.
+        phase: (3,) rad.
+        yaw_rate: of the heading, rad/s.
+
+    Raises:
+        InputError: vectors of another shape, or a number that is not finite.
+    """
+
+    amplitude: tuple[float, float, float] = (1.0, 0.8, 0.4)
+    frequency: tuple[float, float, float] = (1.5, 3.0, 2.0)
+    phase: tuple[float, float, float] = (0.0, 0.5, 0.0)
+    yaw_rate: float = 0.7
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "frequency", "phase"):
+            check_vector(name, getattr(self, name), 3)
+        check_number("yaw_rate", self.yaw_rate, "rad/s")
+
+    def at(self, time: float) -> FlatOutput:
+        """Return position and heading; the k-th derivative of a sine leads it by k quarter turns."""
+        size, rate = np.array(self.amplitude), np.array(self.frequency)
+        orders = np.arange(5)[:, None]
+        position = size * rate**orders * np.sin(rate * time + np.array(self.phase) + 0.5 * np.pi * orders)
+        yaw = self.yaw_rate * time + 0.5 * np.pi * np.arange(3)
+        heading = (self.yaw_rate ** np.arange(3))[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(3)])
+        return FlatOutput(position, heading)

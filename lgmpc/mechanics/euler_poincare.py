@@ -19,7 +19,6 @@ Euler-Poincare equations and semidirect products", Advances in Mathematics 137 (
 from __future__ import annotations
 
 import functools
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -32,13 +31,87 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import frozen
-from lgmpc.mechanics.reduction import momentum_maps
-from lgmpc.mechanics.reduction.groups import LieGroup
-from lgmpc.mechanics.reduction.terms import Advected, Expression, Motion, Symbols, state_of
+from lgmpc.mechanics.groups import LieGroup, body_momentum, spatial_momentum
 from lgmpc.mechanics.rollout import Rollout, runge_kutta4
 from lgmpc.typing import Array
 
-__all__ = ["EulerPoincare", "LeftEulerPoincare", "Method", "RightEulerPoincare", "munthe_kaas"]
+__all__ = [
+    "Advected",
+    "EulerPoincare",
+    "Expression",
+    "LeftEulerPoincare",
+    "Method",
+    "Motion",
+    "RightEulerPoincare",
+    "Symbols",
+    "munthe_kaas",
+    "state_of",
+]
+
+
+@dataclass(frozen=True)
+class Symbols:
+    """The arguments of Lagrangians, forces and potentials: CasADi expressions.
+
+    Attributes:
+        time: s.
+        pose: (size, size) group element; not for the Lagrangian, which is reduced.
+        velocity: (dim,) body velocity under left reduction, spatial under right.
+        advected: (m,) advected quantity.
+        parameters: (p,) constants of the system.
+    """
+
+    time: Any
+    pose: Any
+    velocity: Any
+    advected: Any
+    parameters: Any
+
+    @property
+    def state(self) -> Any:
+        """The column ``[vec(pose); velocity; advected]``."""
+        return state_of(self.pose, self.velocity, self.advected)
+
+
+def state_of(pose: Any, velocity: Any, advected: Any) -> Any:
+    """Return the column ``[vec(pose); velocity; advected]``."""
+    return ca.densify(ca.vertcat(ca.vec(pose), velocity, advected))
+
+
+Expression = Callable[[Symbols], Any]
+"""A Lagrangian, potential or force: CasADi symbols to a CasADi expression."""
+
+
+@dataclass(frozen=True)
+class Advected:
+    """A quantity in the Lagrangian that is constant in the world (left reduction) or in the body (right reduction).
+
+    Attributes:
+        size: number of components.
+        act: (element, a) -> a, a linear left action of the group, as an expression: the quantity ``a0`` in the world
+            is ``act(g^-1, a0)`` in the body.
+    """
+
+    size: int
+    act: Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A computed motion; a row per stored time.
+
+    Attributes:
+        times: (n,) s.
+        poses: (n, size, size) group elements.
+        velocities: (n, dim) in the trivialisation of the system.
+        advected: (n, m).
+    """
+
+    times: Array
+    poses: Array
+    velocities: Array
+    advected: Array
+
 
 Method = Callable[["EulerPoincare"], ca.Function]
 """From a system to one step: (time, step, x, p) -> x_next, with ``x = [vec(pose); velocity; advected]``."""
@@ -68,10 +141,11 @@ def munthe_kaas(system: EulerPoincare) -> ca.Function:
 
 
 @dataclass(frozen=True, eq=False)
-class EulerPoincare(ABC):
-    """A mechanical system on a group, reduced by translations; see the module for the equations.
+class EulerPoincare:
+    """A mechanical system on a group, reduced by left or right translations; see the module for the equations.
 
     Attributes:
+        sign: 1 for left reduction, -1 for right.
         name: a C identifier, part of the names of compiled functions.
         group: the configuration space.
         lagrangian: reduced Lagrangian l(velocity, advected; parameters), J.
@@ -100,21 +174,32 @@ class EulerPoincare(ABC):
             expected = "a function of velocity, advected quantity and parameters (other terms belong to the potential)"
             raise InputError("lagrangian", "one that depends on the pose or on time", expected)
 
-    @abstractmethod
     def move(self, pose: Any, displacement: Any) -> Any:
-        """Return the pose displaced by exp(displacement), on the side of the reduction."""
+        """Return the pose displaced by exp(z), on the side of the reduction: ``g exp(z)`` or ``exp(z) g``."""
+        turn = self.group.symbolic.exp(displacement)
+        return self.group.symbolic.compose(*((pose, turn) if self.sign > 0 else (turn, pose)))
 
-    @abstractmethod
     def chart_rate(self, displacement: Any, velocity: Any) -> Any:
-        """Return the rate of the displacement from a fixed pose at which the velocity is ``velocity``."""
+        """Return the rate of the displacement z from a fixed pose: ``Jr^-1(z) xi`` or ``Jl^-1(z) xi``."""
+        return self.group.symbolic.left_jacobian_inverse(-self.sign * displacement) @ velocity
 
-    @abstractmethod
     def force(self, symbols: Symbols) -> Any:
-        """Return (dim,) the generalised force in the system's trivialisation, without the potential's."""
+        """Return (dim,) the generalised force in the system's trivialisation, without the potential's.
 
-    @abstractmethod
+        On the left the body force plus the spatial force pulled back, ``Ad_g^T F``; on the right the reverse.
+        """
+        own, other = (self.body_force, self.spatial_force)[:: self.sign]
+        total = ca.SX.zeros(self.group.dim) if own is None else own(symbols)
+        if other is None:
+            return total
+        group = self.group.symbolic
+        back = group.adjoint(symbols.pose if self.sign > 0 else group.inverse(symbols.pose))
+        return total + back.T @ other(symbols)
+
     def noether_momenta(self, motion: Motion) -> Array:
-        """Return (n, dim) the momentum map of the translations of the reduction."""
+        """Return (n, dim) the momentum map of the reduction's translations: spatial on the left, body on the right."""
+        carried = spatial_momentum if self.sign > 0 else body_momentum
+        return carried(self.group, motion.poses, self.momenta(motion))
 
     def symbols(self) -> Symbols:
         """Return fresh symbols of the system's sizes."""
@@ -301,50 +386,11 @@ class LeftEulerPoincare(EulerPoincare):
 
     sign = 1
 
-    def move(self, pose: Any, displacement: Any) -> Any:
-        """Return ``g exp(z)``."""
-        return self.group.symbolic.compose(pose, self.group.symbolic.exp(displacement))
-
-    def chart_rate(self, displacement: Any, velocity: Any) -> Any:
-        """Return ``Jr^{-1}(z) xi``."""
-        return self.group.symbolic.right_jacobian_inverse(displacement) @ velocity
-
-    def force(self, symbols: Symbols) -> Any:
-        """Return the body force plus the spatial force pulled back, ``Ad_g^T F``."""
-        total = ca.SX.zeros(self.group.dim) if self.body_force is None else self.body_force(symbols)
-        if self.spatial_force is None:
-            return total
-        return total + self.group.symbolic.adjoint(symbols.pose).T @ self.spatial_force(symbols)
-
-    def noether_momenta(self, motion: Motion) -> Array:
-        """Return (n, dim) the spatial momenta ``Ad*_{g^-1} mu``, momentum map of left translation."""
-        return momentum_maps.spatial_momentum(self.group, motion.poses, self.momenta(motion))
-
 
 class RightEulerPoincare(EulerPoincare):
     """A system reduced by right translations: velocity and momentum in space (ideal fluids, chapter 4.4.7)."""
 
     sign = -1
-
-    def move(self, pose: Any, displacement: Any) -> Any:
-        """Return ``exp(z) g``."""
-        return self.group.symbolic.compose(self.group.symbolic.exp(displacement), pose)
-
-    def chart_rate(self, displacement: Any, velocity: Any) -> Any:
-        """Return ``Jl^{-1}(z) xi``."""
-        return self.group.symbolic.left_jacobian_inverse(displacement) @ velocity
-
-    def force(self, symbols: Symbols) -> Any:
-        """Return the spatial force plus the body force pushed forward, ``Ad_{g^-1}^T F``."""
-        total = ca.SX.zeros(self.group.dim) if self.spatial_force is None else self.spatial_force(symbols)
-        if self.body_force is None:
-            return total
-        back = self.group.symbolic.adjoint(self.group.symbolic.inverse(symbols.pose))
-        return total + back.T @ self.body_force(symbols)
-
-    def noether_momenta(self, motion: Motion) -> Array:
-        """Return (n, dim) the body momenta ``Ad*_g nu``, momentum map of right translation."""
-        return momentum_maps.body_momentum(self.group, motion.poses, self.momenta(motion))
 
 
 _INPUTS = ["time", "pose", "velocity", "advected", "parameters"]

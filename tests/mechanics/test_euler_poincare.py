@@ -22,7 +22,6 @@ from lgmpc.mechanics import (
     heavy_top,
     munthe_kaas,
     torque_free_body,
-    translations,
 )
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -144,32 +143,16 @@ def test_potential_and_advected_quantity_give_one_motion() -> None:
     np.testing.assert_allclose(reduced.energies(one), unreduced.energies(two), atol=1e-10)
 
 
-def test_abelian_group_is_newton() -> None:
-    mass = 1.7
-    system = LeftEulerPoincare(
-        "thrown",
-        translations(3),
-        lambda s: 0.5 * s.parameters * ca.sumsqr(s.velocity),
-        potential=lambda s: 9.81 * s.parameters * s.pose[2, 3],
-        body_force=lambda s: ca.vertcat(ca.cos(s.time), 0, 0),
-        parameters=np.array([mass]),
-    )
-    motion = system.simulate(np.eye(4), [1.0, 2.0, 3.0], step=1e-2, steps=100)
-    t = motion.times
-    np.testing.assert_allclose(motion.poses[:, 2, 3], 3.0 * t - 9.81 * t**2 / 2, atol=1e-12)
-    np.testing.assert_allclose(motion.poses[:, 0, 3], t + (1.0 - np.cos(t)) / mass, atol=1e-9)
-
-
 def test_lagrangian_that_is_not_quadratic_is_solved_for_the_acceleration() -> None:
-    """A relativistic particle: ``d/dt (gamma m v) = F`` integrates in closed form."""
+    """A "relativistic" sphere, turned about one axis: ``mu' = F`` integrates in closed form."""
     system = LeftEulerPoincare(
         "relativistic",
-        translations(2),
+        SO3,
         lambda s: -ca.sqrt(1.0 - ca.sumsqr(s.velocity)),
-        spatial_force=lambda s: ca.DM([0.5, 0.0]),
+        body_force=lambda s: ca.DM([0.5, 0.0, 0.0]),
     )
-    motion = system.simulate(np.eye(3), [0.0, 0.6], step=1e-2, steps=200)
-    momentum = np.stack((0.5 * motion.times, np.full(201, 0.75)), axis=1)
+    motion = system.simulate(np.eye(3), [0.0, 0.6, 0.0], step=1e-2, steps=200)
+    momentum = np.stack((0.5 * motion.times, np.full(201, 0.75), np.zeros(201)), axis=1)
     speed = momentum / np.sqrt(1.0 + (momentum**2).sum(axis=1, keepdims=True))
     np.testing.assert_allclose(motion.velocities, speed, atol=1e-9)
     np.testing.assert_allclose(system.momenta(motion), momentum, atol=1e-8)
@@ -223,11 +206,9 @@ def test_lagrangians_that_are_not_reduced_or_not_regular_are_refused() -> None:
 
 
 def test_a_motion_that_blows_up_is_an_error() -> None:
-    system = LeftEulerPoincare(
-        "runaway", translations(1), quadratic(np.eye(1)), body_force=lambda s: ca.exp(s.velocity**2)
-    )
+    system = LeftEulerPoincare("runaway", SO3, quadratic(np.eye(3)), body_force=lambda s: ca.exp(s.velocity**2))
     with pytest.raises(SolverError, match="Take a shorter step"):
-        system.simulate(np.eye(2), [1.0], step=0.1, steps=100)
+        system.simulate(np.eye(3), [1.0, 0.0, 0.0], step=0.1, steps=100)
 
 
 def test_placements_are_refused_where_they_are_not() -> None:

@@ -21,10 +21,15 @@ from lgmpc.mechanics import (
     heavy_top,
     torque_free_body,
 )
-from lgmpc.mechanics.integrators.comparison import compare_integrators, drift_table
-from lgmpc.mechanics.integrators.runge_kutta import matrix_runge_kutta, projected_runge_kutta
-from lgmpc.mechanics.integrators.variational import discrete_euler_poincare, moser_veselov
-from lgmpc.mechanics.reduction.euler_poincare import munthe_kaas
+from lgmpc.mechanics.euler_poincare import munthe_kaas
+from lgmpc.mechanics.integrators import (
+    compare_integrators,
+    discrete_euler_poincare,
+    drift_table,
+    matrix_runge_kutta,
+    moser_veselov,
+    projected_runge_kutta,
+)
 
 Method = Callable[[LeftEulerPoincare], ca.Function]
 

@@ -21,11 +21,14 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
-from lgmpc.mechanics.reduction.terms import Motion
+from lgmpc.lie import checks
+from lgmpc.mechanics.euler_poincare import LeftEulerPoincare, Motion
 from lgmpc.typing import Array
 
-__all__ = ["LeftSymmetry"]
+__all__ = ["LeftSymmetry", "conserved_dimension"]
+
+CONSERVED = 1e-9
+"""Tolerance of conserved components, relative to the largest momentum along the motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,3 +84,28 @@ class LeftSymmetry:
         _, sizes, basis = np.linalg.svd(triangle)
         broken = np.count_nonzero(sizes > tolerance * max(float(sizes[0]), np.finfo(float).tiny))
         return np.asarray(basis[broken:], dtype=np.float64)
+
+
+def conserved_dimension(momenta: Sequence[Array], tolerance: float = CONSERVED) -> int:
+    """Return the number of independent directions along which a momentum is constant in several motions.
+
+    One motion is not enough: a falling body conserves a fourth component of its spatial momentum, in a direction that
+    depends on the motion, because its centre of mass stays in a vertical plane.
+
+    Args:
+        momenta: for each motion, (n, dim) momentum along it.
+        tolerance: largest change of a constant component, relative to the largest momentum.
+
+    Raises:
+        InputError: not tables of finite numbers, or none.
+    """
+    if not isinstance(momenta, Sequence):
+        raise InputError("momenta", f"{momenta!r:.80}", "one table (n, dim) a motion, n at least 2")
+    tables = [checks.finite("momenta", table) for table in momenta]
+    if not tables or any(t.ndim != 2 or len(t) < 2 or t.shape[1] != tables[0].shape[1] for t in tables):
+        raise InputError("momenta", [t.shape for t in tables], "one table (n, dim) a motion, n at least 2")
+    scale = max(float(np.abs(table).max()) for table in tables) or 1.0
+    moved = np.vstack([table - table[0] for table in tables])
+    sizes = np.linalg.svd(moved, compute_uv=False) / np.sqrt(len(moved))
+    broken = np.count_nonzero(sizes > tolerance * scale)
+    return int(moved.shape[1] - broken)

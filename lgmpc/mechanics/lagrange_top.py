@@ -25,10 +25,10 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_inertia, check_positive
-from lgmpc.mechanics.reduction.euler_poincare import LeftEulerPoincare
-from lgmpc.mechanics.reduction.groups import SO3
+from lgmpc.mechanics.elliptic import Modulus
+from lgmpc.mechanics.euler_poincare import LeftEulerPoincare
+from lgmpc.mechanics.groups import SO3
 from lgmpc.mechanics.rigid_body import heavy_top
-from lgmpc.mechanics.tops.elliptic import Modulus
 from lgmpc.typing import Array
 
 __all__ = ["LagrangeTop", "Nutation"]

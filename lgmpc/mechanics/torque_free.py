@@ -28,12 +28,12 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
-from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
-from lgmpc.mechanics.reduction.groups import SO3
-from lgmpc.mechanics.tops.elliptic import Modulus
+from lgmpc.mechanics.checks import check_inertia, frozen
+from lgmpc.mechanics.elliptic import Modulus
+from lgmpc.mechanics.groups import SO3
 from lgmpc.typing import Array
 
-__all__ = ["EulerTop", "symmetric_top_precession"]
+__all__ = ["EulerTop", "Poinsot"]
 
 _STEADY = 1e-15
 """Rounding error of the torque relative to |w| |pi|: below it the rotation about a principal axis is steady."""
@@ -193,28 +193,73 @@ def _solve(inertia: Array, velocity: Array) -> _Solution:
     return _Solution(axes[:, order], moments, (a, sign * b, sign * c), rate, phase, modulus, n, factor)
 
 
-def symmetric_top_precession(transverse: float, axial: float, velocity: Array) -> tuple[float, float]:
-    """Return the precession rates of a free symmetric top, rad/s: of the velocity in the body, of the axis in space.
-
-    ``(I3 - I1) / I1 w3`` about the body's third axis, and ``|pi| / I1`` about the momentum. Landau and Lifshitz,
-    "Mechanics", section 33 and 36.
-
-    Args:
-        transverse: I1 = I2, kg.m^2.
-        axial: I3, kg.m^2.
-        velocity: (3,) body angular velocity, rad/s.
-
-    Raises:
-        InputError: moments that no body has, or a velocity not finite.
-    """
-    first, third = check_positive("transverse", transverse, "kg.m^2"), check_positive("axial", axial, "kg.m^2")
-    inertia = check_inertia("axial", np.diag([first, first, third]))
-    w = SO3.check_tangent("velocity", velocity)
-    return (third - first) / first * float(w[2]), float(np.linalg.norm(inertia @ w)) / first
-
-
 def _times(times: Array) -> Array:
     array = checks.finite("times", times)
     if array.ndim != 1:
         raise InputError("times", f"shape {array.shape}", "shape (n,)")
     return array
+
+
+@dataclass(frozen=True, eq=False)
+class Poinsot:
+    """Poinsot's construction: the ellipsoid of inertia of a motion rolls, without slipping, on a fixed plane.
+
+    The ellipsoid ``x^T J x = 1`` is fixed in the body, with its centre at the fixed point. It touches the plane at
+    ``w / sqrt(2 E)``; its normal there is along the angular momentum, which is constant in space, as is the plane's
+    distance ``sqrt(2 E) / |pi|``. The point of contact lies on the instantaneous axis: its velocity is zero. It traces
+    the polhode on the ellipsoid, where this meets ``x^T J^2 x = |pi|^2 / (2 E)``, and the herpolhode on the plane. In
+    momenta, the polhode is the intersection of the sphere ``|pi|`` = const, a coadjoint orbit, with the energy
+    ellipsoid ``pi^T J^-1 pi = 2 E``. Lengths are in 1 / sqrt(kg.m^2).
+
+    Poinsot, "Theorie nouvelle de la rotation des corps" (1834); chapter 4.5.3 and 4.10.5.
+
+    Attributes:
+        top: the motion.
+    """
+
+    top: EulerTop
+
+    @property
+    def semi_axes(self) -> tuple[Array, Array]:
+        """Semi-axes (3,) of the ellipsoid, the longest first, and their directions in the body, columns of (3, 3)."""
+        moments, axes = np.linalg.eigh(self.top.inertia)
+        axes[:, 2] *= np.linalg.det(axes)
+        return 1.0 / np.sqrt(moments), axes
+
+    @property
+    def normal(self) -> Array:
+        """(3,) unit normal of the invariable plane, from the centre to the plane, in the world."""
+        normal: Array = self.top.rotation @ self.top.inertia @ self.top.velocity / self.top.momentum
+        return normal
+
+    @property
+    def distance(self) -> float:
+        """Distance of the plane from the centre."""
+        return math.sqrt(2.0 * self.top.energy) / self.top.momentum
+
+    def polhode(self, times: Array) -> Array:
+        """Return (n, 3) points of contact in the body."""
+        return self.top.velocities(times) / math.sqrt(2.0 * self.top.energy)
+
+    def herpolhode(self, times: Array) -> Array:
+        """Return (n, 3) points of contact in the world, from the centre."""
+        points: Array = np.einsum("nij,nj->ni", self.top.rotations(times), self.polhode(times))
+        return points
+
+    def momenta(self, times: Array) -> Array:
+        """Return (n, 3) body angular momenta, on the momentum sphere, N.m.s."""
+        momenta: Array = self.top.velocities(times) @ self.top.inertia
+        return momenta
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Smallest and largest distance of the herpolhode from the foot of the plane's normal.
+
+        Extremes are where the body momentum crosses the planes of its principal axes: a quarter of a period apart.
+        """
+        if self.top.steady:
+            return 0.0, 0.0
+        crossing = float(self.top.flips(self.top.flip_interval)[0])
+        points = self.polhode(np.array([crossing, crossing + 0.5 * self.top.flip_interval]))
+        low, high = sorted(np.sqrt(np.maximum(0.0, (points**2).sum(axis=1) - self.distance**2)).tolist())
+        return low, high

@@ -6,9 +6,9 @@ import pytest
 from scipy.linalg import expm
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses, translations
+from lgmpc.mechanics import SE3, SEMIDIRECT, SO3, LieGroup, extended_poses
 
-GROUPS = (SO3, SE3, SEMIDIRECT, extended_poses(2), translations(3))
+GROUPS = (SO3, SE3, SEMIDIRECT, extended_poses(2))
 
 
 @pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.name)
@@ -45,15 +45,6 @@ def test_expressions_and_numbers_are_the_same_group(group: LieGroup) -> None:
         np.testing.assert_allclose(ca.DM(expression).full().reshape(number.shape), number, atol=1e-13, err_msg=name)
 
 
-def test_batches_of_translations() -> None:
-    group = translations(2).numeric
-    points = np.arange(6.0).reshape(3, 2)
-    poses = group.exp(points)
-    np.testing.assert_array_equal(group.act(poses, points), 2 * points)
-    np.testing.assert_array_equal(group.log(group.compose(poses, group.inverse(poses))), 0 * points)
-    assert group.adjoint(poses).shape == group.ad(points).shape == (3, 2, 2)
-
-
 @pytest.mark.parametrize(
     ("group", "value", "message"),
     [
@@ -63,7 +54,6 @@ def test_batches_of_translations() -> None:
         (SE3, np.tile(np.eye(4), (2, 1, 1)), "pose: got shape"),
         (SE3, np.full((4, 4), np.nan), "pose: .* finite"),
         (extended_poses(2), np.eye(4), r"pose: got shape \(4, 4\)"),
-        (translations(2), np.diag([2.0, 1.0, 1.0]), "pose: .* off the last column"),
     ],
 )
 def test_what_is_no_element_is_refused(group: LieGroup, value: np.ndarray, message: str) -> None:
@@ -74,8 +64,6 @@ def test_what_is_no_element_is_refused(group: LieGroup, value: np.ndarray, messa
 def test_dimensions_that_do_not_exist_are_refused() -> None:
     with pytest.raises(InputError, match="k: got 0"):
         extended_poses(0)
-    with pytest.raises(InputError, match="n: got 0"):
-        translations(0)
     with pytest.raises(InputError, match=r"velocity: got shape \(2,\)"):
         SO3.check_tangent("velocity", [1.0, 2.0])
 

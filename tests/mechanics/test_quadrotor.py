@@ -26,7 +26,7 @@ from lgmpc.mechanics.quadrotor import (
     attitude_error,
     fly,
 )
-from lgmpc.mechanics.quadrotor.euler_angles import angle_rates
+from lgmpc.mechanics.quadrotor.control import angle_rates
 
 QUADROTOR = Quadrotor.of_the_paper()
 GAINS = GeometricGains.of_the_paper()

@@ -1,1 +1,0 @@
-"""Robots: equations of motion derived from energies, centroidal momentum."""

@@ -207,7 +207,7 @@ def _build_session(
     """Return the session of a part of a run, which begins at tick ``first`` and continues another session."""
     notify("loading the robot")
     robot = build_robot(config)
-    world = make_world(config.world, config.plant.friction)
+    world = make_world(config.world, config.plant.friction, config.seed)
     same = before is not None and before.simulated == config.plant
     plant = before.plant if before and same else make_plant(robot, config.plant, world)
     controller = build_controller(config, robot, notify)

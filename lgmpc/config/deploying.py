@@ -108,7 +108,7 @@ def serve_config(
         KeyboardInterrupt: before the first command.
     """
     robot = build_robot(config)
-    world = make_world(config.world, config.plant.friction)
+    world = make_world(config.world, config.plant.friction, config.seed)
     plant = make_plant(robot, config.plant, world)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))

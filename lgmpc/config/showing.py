@@ -258,7 +258,7 @@ def _explained(run: Run, robot: Robot) -> Explanation:
 
 def _ground_of(run: Run) -> World:
     config = _config_of(run)
-    return make_world(config.world, config.plant.friction)
+    return make_world(config.world, config.plant.friction, config.seed)
 
 
 def _config_of(run: Run) -> Config:

@@ -14,12 +14,15 @@ from lgmpc.robot.lying import lowest_point, lying_posture
 from lgmpc.robot.posture import put_on_ground
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.typing import Array
-from lgmpc.world import World
+from lgmpc.world import Plane, World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
 __all__ = ["initial_state"]
+
+_TOUCHING = 1e-3  # m; what is nearer to the start's plane than this stands on it
+_UNEVEN = 2e-3  # m
 
 
 def initial_state(robot: Robot, settings: PlantSettings, world: World | None = None) -> Array:
@@ -34,7 +37,8 @@ def initial_state(robot: Robot, settings: PlantSettings, world: World | None = N
         world: the world; a level floor unless given.
 
     Raises:
-        InputError: a key of ``initial_posture`` matches no joint, or the robot has no feet to lie on.
+        InputError: a key of ``initial_posture`` matches no joint, the robot has no feet to lie on, the ground at the
+            start is not flat, or the world has steps higher than the robot's legs.
         ModelError: a mesh of the collision geometry cannot be read.
     """
     posture = settings.initial_posture
@@ -46,9 +50,33 @@ def initial_state(robot: Robot, settings: PlantSettings, world: World | None = N
         q = _displaced(robot, posture)
     v = np.zeros(robot.nv)
     if robot.floating_base:
-        q = _moved(q, *(World() if world is None else world).start_pose)
+        world = World() if world is None else world
+        q = _moved(q, *world.start_pose)
+        _check_start(robot, q, world)
         v[:3], v[3:6] = settings.initial_velocity_m_s, settings.initial_rotation_rad_s
     return np.concatenate([q, v])
+
+
+def _check_start(robot: Robot, q: Array, world: World) -> None:
+    """Check that the ground where the robot starts is that of its start pose: no step through it, no hole below it."""
+    height, key = world.largest_step
+    legs = float(robot.q_reference[2])
+    if height > legs:
+        raise InputError(key, height, f"at most {legs:.3g}, m, the height at which {robot.name} stands")
+    if world.surfaces == world.surfaces[:1] and isinstance(world.surfaces[0], Plane):
+        return
+    data = robot.create_data()
+    pin.framesForwardKinematics(robot.model, data, q)
+    spheres = [(data.oMf[i].translation, robot.contact_radius) for i in robot.contact_ids]
+    spheres += [((data.oMi[p.joint] * at).translation, r) for p in robot.collision_shapes for at, r in p.corners]
+    centres, radii = (np.array(each) for each in zip(*spheres, strict=True))
+    axes, point = world.start_pose
+    flat, gap = (centres - point) @ axes[:, 2] - radii, world.distance(centres)[0] - radii
+    sunk, held = np.minimum(flat, 0.0) - gap, np.where(flat < _TOUCHING, gap, 0.0)
+    for depth, words in ((sunk.max(), "into the ground"), (held.max(), "above a hole")):
+        if depth > _UNEVEN:
+            got = f"{list(world.start)}, where the robot reaches {1e3 * depth:.0f} mm {words}"
+            raise InputError("world.start_m", got, "a start on flat ground: another one, or a larger world.ahead_m")
 
 
 def _displaced(robot: Robot, angles: dict[str, float]) -> Array:

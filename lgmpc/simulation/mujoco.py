@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import InputError, ModelError
+from lgmpc.errors import ModelError
 from lgmpc.robot import Box, CollisionShape, Sphere
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
@@ -53,7 +53,6 @@ class MujocoPlant:
 
     Raises:
         ModelError: if the model has a joint without a counterpart in MuJoCo, or inertias that MuJoCo rejects.
-        InputError: the world has a surface that is not a plane.
     """
 
     def __init__(self, robot: Robot, params: PlantSettings | None = None, world: World | None = None) -> None:
@@ -287,21 +286,29 @@ def _joint_type(joint: pin.JointModel, subspace: Array) -> mujoco.mjtJoint | Non
 
 
 def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
-    """Add the world's surfaces, whose friction is that of every contact with them."""
+    """Add the world's surfaces, whose friction and softness are those of every contact with them."""
     for surface in world.surfaces:
-        if not isinstance(surface, Plane):
-            raise InputError("world", type(surface).__name__, "planes only, with this plant")
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_PLANE,
-            size=(0, 0, 1),
-            pos=surface.point,
-            quat=_wxyz(pin.Quaternion.FromTwoVectors(_UP, np.array(surface.normal_vector)).matrix()),
-            contype=_GROUND,
-            conaffinity=_ROBOT,
-            priority=1,
-            friction=(surface.coefficient, 0.005, 0.0001),
+        common = {
             **_CONTACT,
-        )
+            "contype": _GROUND,
+            "conaffinity": _ROBOT,
+            "priority": 1,
+            "friction": (surface.coefficient, 0.005, 0.0001),
+            "solref": (world.contact_time_s, 1.0),
+        }
+        if isinstance(surface, Plane):
+            turn = _wxyz(pin.Quaternion.FromTwoVectors(_UP, np.array(surface.normal_vector)).matrix())
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 1), pos=surface.point, quat=turn, **common
+            )
+        else:
+            spec.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=surface.half_size,
+                pos=surface.center,
+                quat=_wxyz(surface.rotation),
+                **common,
+            )
 
 
 def _add_shapes(spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model) -> None:

@@ -24,10 +24,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.errors import InputError
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
-from lgmpc.typing import Array
+from lgmpc.typing import Array, IntArray
 from lgmpc.world import World
+from lgmpc.world.world import RIGID_S
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -53,12 +55,18 @@ class PinocchioPlant:
         robot: the robot; its ``effort_limit`` clips the torques.
         params: parameters of the engine and of the simulated robot.
         world: its surfaces; a level floor with the friction of ``params`` unless given.
+
+    Raises:
+        InputError: the world's ground is soft.
     """
 
     def __init__(self, robot: Robot, params: PlantSettings | None = None, world: World | None = None) -> None:
         params = PlantSettings() if params is None else params
         self._robot = robot
         self._world = default_world(params) if world is None else world
+        if self._world.contact_time_s != RIGID_S:
+            expected = f"{RIGID_S:g}, rigid contacts, with plant.kind: pinocchio"
+            raise InputError("world.contact_time_s", self._world.contact_time_s, expected)
         self._dt = params.dt
         self._joints = robot.joint_v
         self._effort = real_effort_limit(robot, params)
@@ -113,7 +121,7 @@ class PinocchioPlant:
         pin.framesForwardKinematics(self._model, self._data, self._q)
         feet = slice(self._robot.nc)
         axes = _ContactFrames.of(self._world.distance(np.array(self._centres[feet]))[1], self._radii[feet]).axes
-        self._solver.impulses[feet] = np.matmul(axes, sample.contact_forces[:, :, None])[:, :, 0] * self._dt
+        self._solver.impulses[feet, 0] = np.matmul(axes, sample.contact_forces[:, :, None])[:, :, 0] * self._dt
         self._tau, self._steps = sample.tau, round(sample.time / self._dt)
         self._forces = sample.contact_forces.copy()
 
@@ -137,13 +145,13 @@ class PinocchioPlant:
         free = v + minverse @ (dt * force)
         near, gaps, frames, friction = self._near_ground()
         self._v, forces = free, np.zeros((len(self._frames), 3))
-        if near or self._friction:
+        if near.size or self._friction:
             jacobian = self._jacobian(near, frames)
             response = minverse @ jacobian.T
             drift = jacobian @ free
             drift[2 : 3 * len(near) : 3] += [gap / dt if gap > 0 else max(_RECOVERY * gap / dt, -_RISE) for gap in gaps]
             self._v = free + response @ self._solver.solve(near, friction, jacobian @ response, drift)
-            forces[near] = np.matmul(self._solver.impulses[near, None], frames.axes)[:, 0] / dt
+            np.add.at(forces, near, np.matmul(self._solver.contact_impulses[:, None], frames.axes)[:, 0] / dt)
         else:
             self._solver.clear()
         self._forces = forces[: self._robot.nc]
@@ -184,24 +192,22 @@ class PinocchioPlant:
         force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
         return force
 
-    def _near_ground(self) -> tuple[list[int], list[float], _ContactFrames, Array]:
-        """Return the points that may touch the ground in this step, their distances from it, frames and friction."""
+    def _near_ground(self) -> tuple[IntArray, list[float], _ContactFrames, Array]:
+        """Return the contacts that may close in this step: their points, distances, frames and friction."""
         positions = np.array(self._centres).reshape(-1, 3)
-        distances, normals = self._world.distance(positions)
-        gaps = distances - self._radii
-        near = (gaps < _FASTEST * self._dt).nonzero()[0]
-        normals, radii = normals[near], self._radii[near]
+        near, distances, normals, friction = self._world.contacts(positions, self._radii, _FASTEST * self._dt)
+        radii = self._radii[near]
         key = normals.tobytes() + radii.tobytes()
         if key != self._frames_key:  # not on a plane while the same points are near
             self._frames_key, self._contact_frames = key, _ContactFrames.of(normals, radii)
-        return near.tolist(), gaps[near].tolist(), self._contact_frames, self._world.friction(positions[near, :2])
+        return near, (distances - radii).tolist(), self._contact_frames, friction
 
-    def _jacobian(self, near: list[int], frames: _ContactFrames) -> Array:
+    def _jacobian(self, near: IntArray, frames: _ContactFrames) -> Array:
         """Return the rows of the contact points along their axes, then of the joints if they have friction."""
         joints = self._joints
         count = 3 * len(near)
         rows = np.zeros((count + (self._robot.nu if self._friction else 0), self._model.nv))
-        for k, i in enumerate(near):
+        for k, i in enumerate(near.tolist()):
             frame = pin.getFrameJacobian(self._model, self._data, self._frames[i], pin.LOCAL_WORLD_ALIGNED)
             frame = frame.reshape(6, self._model.nv)
             point = frame[:3] + frames.levers[k] @ frame[3:]
@@ -218,8 +224,8 @@ class _ContactSolver:
     converge; ADMM does, at a higher cost.
 
     Attributes:
-        impulses: (n, 3) impulse on each point that can touch the ground along the axes of its contact, of the last
-            solve, N.s.
+        contact_impulses: (k, 3) impulses of the last solve along the axes of its contacts, N.s.
+        impulses: (n, 4, 3) those of each point that can touch the ground, of up to four contacts; guesses of the next.
         failures: solves since reset that stopped short of their tolerance.
     """
 
@@ -248,20 +254,21 @@ class _ContactSolver:
 
     def clear(self) -> None:
         """Set all impulses to zero: there are no contacts."""
-        self.impulses = np.zeros((self._points, 3))
+        self.contact_impulses, self.impulses = np.zeros((0, 3)), np.zeros((self._points, 4, 3))
         self._joint_impulses = np.zeros(self._joints)
 
-    def solve(self, near: list[int], friction: Array, delassus: Array, drift: Array) -> Array:
+    def solve(self, near: IntArray, friction: Array, delassus: Array, drift: Array) -> Array:
         """Return the impulses (3 len(near) + joints,), those of the contacts first.
 
         Args:
-            near: the points that may touch the ground; all others have no impulse.
-            friction: coefficient at each of them.
+            near: (k,) points of the contacts, those of one point in a row; all others have no impulse.
+            friction: (k,) coefficients.
             delassus: square matrix of the velocities due to unit impulses.
             drift: velocity without impulses.
         """
         count = 3 * len(near)
-        guess = np.concatenate([self.impulses[near].ravel(), self._joint_impulses])
+        slots = near, np.minimum(np.arange(len(near)) - np.searchsorted(near, near), self.impulses.shape[1] - 1)
+        guess = np.concatenate([self.impulses[slots].ravel(), self._joint_impulses])
         diagonal = np.arange(count, guess.size)
         delassus[diagonal, diagonal] += self._compliance
         operator = pin.DelassusOperatorDense(delassus)
@@ -274,7 +281,7 @@ class _ContactSolver:
             self.failures += 1
         solution: Array = result.retrieveConstraintImpulses()
         self.clear()
-        self.impulses[near] = solution[:count].reshape(-1, 3)
+        self.impulses[slots] = self.contact_impulses = solution[:count].reshape(-1, 3)
         self._joint_impulses = solution[count:]
         return solution
 

@@ -4,16 +4,27 @@ Only plants, initial states, judging, replay and problems read a :class:`World`;
 :class:`~lgmpc.estimation.terrain.TerrainBelief` instead.
 """
 
-from lgmpc.world.settings import FloorSettings, SlopeSettings, WorldSettings, make_world
-from lgmpc.world.surfaces import Plane, Surface
+from lgmpc.world.boxes import Box
+from lgmpc.world.kinds import Blocks, Gaps, Patches, Ramp, Stairs, Stones
+from lgmpc.world.settings import Course, FloorSettings, SlopeSettings, WorldSettings, make_world
+from lgmpc.world.surfaces import Plane, Surface, SurfaceContacts
 from lgmpc.world.terrain import Terrain
 from lgmpc.world.world import World
 
 __all__ = [
+    "Blocks",
+    "Box",
+    "Course",
     "FloorSettings",
+    "Gaps",
+    "Patches",
     "Plane",
+    "Ramp",
     "SlopeSettings",
+    "Stairs",
+    "Stones",
     "Surface",
+    "SurfaceContacts",
     "Terrain",
     "World",
     "WorldSettings",

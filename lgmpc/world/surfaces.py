@@ -1,31 +1,58 @@
-"""Surfaces of a world: where they are, which way they face, and how much friction they have."""
+"""Planes, and the queries that all surfaces of a world answer."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.typing import Array, BoolArray
-from lgmpc.world.terrain import Terrain
+from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["Plane", "Surface"]
+__all__ = ["Plane", "SurfaceContacts", "Surface"]
 
 _STEEPEST = 0.1
 """Least vertical component of a plane's normal: 84 degrees."""
 
 
-class Surface(Terrain, Protocol):
-    """One surface: a terrain of its own, with the distance of points in space to it.
+class SurfaceContacts(NamedTuple):
+    """Pairs of a sphere and a surface that are near each other, (k,) of them.
 
-    A plant asks for the distance and the normal of every sphere of the robot.
+    Attributes:
+        sphere: number of the sphere.
+        distance: (k,) signed distances of the spheres' centres, m.
+        normal: (k, 3) unit normals, from the surface to the centre.
+        friction: (k,) Coulomb coefficients.
     """
+
+    sphere: IntArray
+    distance: Array
+    normal: Array
+    friction: Array
+
+
+class Surface(Protocol):
+    """One layer of the ground; -inf is the height where it has none."""
+
+    def height(self, points: Array) -> Array:
+        """Return (n,) heights below points (n, 2), m."""
+
+    def normal(self, points: Array) -> Array:
+        """Return (n, 3) unit normals, upward."""
+
+    def friction(self, points: Array) -> Array:
+        """Return (n,) Coulomb coefficients."""
+
+    def highest(self, begin: Array, end: Array) -> Array:
+        """Return (n,) the greatest height along each segment from ``begin`` to ``end``, (n, 2), m."""
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return (n,) signed distances of points (n, 3), negative below, m, and (n, 3) the normals there."""
+
+    def contacts(self, points: Array, limit: Array) -> SurfaceContacts:
+        """Return the contacts of points (n, 3) nearer than (n,) limits, of at most 15 cm."""
 
 
 @dataclass(frozen=True)
@@ -95,3 +122,9 @@ class Plane:
         at = self.point
         distance: Array = x * (points[:, 0] - at[0]) + y * (points[:, 1] - at[1]) + z * (points[:, 2] - at[2])
         return distance, self.normal(points)
+
+    def contacts(self, points: Array, limit: Array) -> SurfaceContacts:
+        """Return the contacts of points (n, 3) nearer than (n,) limits."""
+        distance, normals = self.distance(points)
+        near = np.flatnonzero(distance < limit)
+        return SurfaceContacts(near, distance[near], normals[near], np.full(len(near), self.coefficient))

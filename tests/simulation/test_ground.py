@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from pydantic import TypeAdapter
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
@@ -14,7 +16,7 @@ from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.pinocchio import PinocchioPlant
-from lgmpc.world import FloorSettings, Plane, SlopeSettings, World, make_world
+from lgmpc.world import Box, FloorSettings, Plane, SlopeSettings, World, WorldSettings, make_world
 
 GRAVITY = 9.81
 MU = 0.5
@@ -24,6 +26,10 @@ TOLERANCE = {MujocoPlant: 1e-12, PinocchioPlant: 1e-8}
 
 def slope(degrees: float, uphill: float = 0.0) -> World:
     return make_world(SlopeSettings(angle_deg=degrees, uphill_deg=uphill), MU)
+
+
+def named(section: Any) -> World:
+    return make_world(TypeAdapter(WorldSettings).validate_python(section), MU)
 
 
 def on(world: World, robot: Robot, settings: PlantSettings | None = None) -> np.ndarray:
@@ -139,9 +145,58 @@ def test_the_friction_is_that_of_the_surface(plant_type, block) -> None:
     assert abs(moved[1]) < 1e-4
 
 
-def test_mujoco_refuses_other_surfaces(block) -> None:
-    with pytest.raises(InputError, match=r"world: got Bowl; expected planes"):
-        MujocoPlant(block, world=World((type("Bowl", (), {})(),)))
+@pytest.mark.parametrize("seam", [0.0, 1.0], ids=["on a seam", "on one box"])
+def test_standing_on_boxes_is_standing_on_a_floor(plant_type, solo12, hold, seam) -> None:
+    """Level tops carry every foot with the same force as the floor, upward, also where two boxes meet below it."""
+    boxes = (Box((seam - 1.0, 0, -0.5), (1.0, 1, 0.5), coefficient=MU), Box((seam + 1.0, 0, -0.5), (1.0, 1, 0.5)))
+    samples = []
+    for world in (World((Plane(coefficient=MU),)), World((Plane((0, 0, -1.0)), *boxes))):
+        plant = plant_type(solo12, PlantSettings(friction=MU), world)
+        x = on(world, solo12)
+        x[0] += solo12.q_reference[0] + 0.19  # front feet at x = 0.38
+        plant.reset(x)
+        hold(plant, solo12, 300)
+        samples.append(plant.sense())
+    np.testing.assert_allclose(samples[0].q, samples[1].q, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(samples[0].contact_forces, samples[1].contact_forces, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        ({"kind": "stairs", "rise_m": 0.5}, "world.rise_m"),
+        ([{"kind": "ramp"}, {"kind": "blocks", "max_height_m": 0.4}], "world.parts.1.max_height_m"),
+    ],
+)
+def test_steps_higher_than_the_legs_are_refused(solo12: Robot, section: Any, key: str) -> None:
+    with pytest.raises(
+        InputError, match=rf"{key}: got 0\.[45]; expected at most 0\.2.*, m, the height at which solo12"
+    ):
+        initial_state(solo12, PlantSettings(), named(section))
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ({"kind": "blocks", "ahead_m": 0.1}, "reaches [0-9]+ mm into the ground"),
+        ({"kind": "gaps", "ahead_m": 0.16, "gap_m": 0.3}, "reaches [0-9]+ mm above a hole"),
+        ({"kind": "stairs", "ahead_m": 3.0, "start_m": [3.0, 0.0]}, "reaches 50 mm above a hole"),
+    ],
+)
+def test_a_start_on_an_edge_is_refused(solo12: Robot, section: Any, words: str) -> None:
+    with pytest.raises(InputError, match=rf"world.start_m: got .*{words}; expected a start on flat ground: .*ahead_m"):
+        initial_state(solo12, PlantSettings(), named(section))
+
+
+def test_a_start_elsewhere_on_flat_ground_is_accepted(solo12: Robot) -> None:
+    state = initial_state(solo12, PlantSettings(), named({"kind": "stairs", "start_m": [2.6, 0.0]}))
+    level = initial_state(solo12, PlantSettings(), World((Plane(),)))
+    np.testing.assert_allclose(state[:3], level[:3] + [2.6, 0.0, 0.25], atol=1e-12)
+
+
+def test_pinocchios_ground_is_rigid(block) -> None:
+    with pytest.raises(InputError, match=r"world.contact_time_s: got 0.05; expected 0.005, rigid .* plant.kind: pinoc"):
+        PinocchioPlant(block, world=named({"kind": "floor", "contact_time_s": 0.05}))
 
 
 def test_a_plant_resumed_on_a_slope_continues(plant_type, solo12, hold) -> None:

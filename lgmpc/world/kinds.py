@@ -1,0 +1,250 @@
+"""Parts of the ground that a config can name: ramps, stairs, blocks, stones, gaps, patches.
+
+A new one is a class with a ``kind``, its sizes, and :meth:`Part.lay`; a line in ``AnyPart`` makes it a world, and a
+part of a course.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+from typing_extensions import Self
+
+from lgmpc.settings import Count, Finite, Fraction, Friction, Positive, Settings, Vector2, problem
+from lgmpc.world.layout import Layout, incline
+from lgmpc.world.world import RIGID_S
+
+__all__ = [
+    "MOST_BOXES",
+    "OF_WORLD",
+    "Blocks",
+    "Gaps",
+    "Ground",
+    "Laid",
+    "Part",
+    "Patches",
+    "Ramp",
+    "Stairs",
+    "Stones",
+    "Tiled",
+]
+
+Place = Annotated[Finite, Field(ge=-1e4, le=1e4)]
+"""m."""
+Size = Annotated[Positive, Field(ge=0.005, le=100.0)]
+"""m."""
+Rise = Annotated[Finite, Field(ge=-2.0, le=2.0)]
+"""m."""
+Angle = Annotated[Finite, Field(ge=-45.0, le=45.0)]
+"""Degrees."""
+
+MOST_BOXES = 5000
+"""Of a world."""
+_BELOW_PATCHES_M = 0.05
+"""Depth of the ground around patches: two surfaces at one height would both carry a foot."""
+
+
+class Ground(Settings):
+    """Settings of every kind of ground."""
+
+    height_m: Place = Field(default=0.0, description="Height of the ground at the world's origin, m.")
+    start_m: Vector2 = Field(default=(0.0, 0.0), description="Where the robot starts, [x, y], m.")
+    start_yaw_deg: Finite = Field(default=0.0, description="Heading of the robot at the start, degrees.")
+    friction: Friction | None = Field(
+        default=None, description="Coulomb coefficient of the ground; null: plant.friction."
+    )
+    contact_time_s: Annotated[Positive, Field(ge=0.002, le=1.0)] = Field(
+        default=RIGID_S,
+        description="Time constant of contacts with the ground in MuJoCo, s; larger is softer. plant.kind: pinocchio"
+        " has rigid contacts only.",
+    )
+
+
+OF_WORLD = frozenset(Ground.model_fields) - {"friction"} | {"ahead_m", "width_m", "seed"}
+"""Keys of a whole world, that a part of a course does not have."""
+
+
+class Laid(Ground):
+    """Settings of ground that is laid out along the x axis, with a level area at the origin to start from."""
+
+    ahead_m: Annotated[Finite, Field(ge=0.0, le=100.0)] = Field(
+        default=1.0, description="Level ground ahead of the world's origin, m."
+    )
+    width_m: Size = Field(default=2.0, description="Width of the parts that are not level, m.")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = Field(
+        default=None, description="Seed of what is random in the ground; null: that of the run."
+    )
+
+
+class Part(Laid):
+    """One part of the ground."""
+
+    @abstractmethod
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add the part at the end of a layout."""
+
+
+class Ramp(Part):
+    """An inclined plane between two level ones."""
+
+    kind: Literal["ramp"] = Field(default="ramp", description="An inclined plane between two level ones.")
+    angle_deg: Angle = Field(default=10.0, description="Inclination, degrees; negative: downhill.")
+    length_m: Size = Field(default=1.5, description="Horizontal length, m.")
+    landing_m: Size = Field(default=1.0, description="Length of the level ground behind it, m.")
+    back: bool = Field(default=False, description="Whether a second ramp leads back to the first level.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add ramp and landing."""
+        for sign in (1.0, -1.0)[: 1 + self.back]:
+            angle = sign * math.radians(self.angle_deg)
+            rise = self.length_m * math.tan(angle)
+            layout.add(incline(layout, self.length_m, angle, friction))
+            layout.advance(self.length_m, rise)
+            layout.slab(layout.x, layout.x + self.landing_m, layout.level, friction=friction)
+            layout.advance(self.landing_m)
+
+
+class Stairs(Part):
+    """Steps of equal height; a single one is a step, or a drop."""
+
+    kind: Literal["stairs"] = Field(default="stairs", description="Steps of equal height.")
+    rise_m: Rise = Field(default=0.05, description="Height of a step, m; negative: downstairs.")
+    tread_m: Size = Field(default=0.25, description="Depth of a step, m.")
+    steps: Annotated[Count, Field(le=200)] = Field(default=5, description="Number of steps.")
+    landing_m: Size = Field(default=1.0, description="Length of the level ground behind the last step, m.")
+    back: bool = Field(default=False, description="Whether as many steps lead back to the first level.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add steps, each as deep as all that are above it, and landing."""
+        layout.step(self.rise_m, "rise_m")
+        length = self.steps * self.tread_m
+        for rise in (self.rise_m, -self.rise_m)[: 1 + self.back]:
+            begin, level = layout.x, layout.level
+            end = begin + length + self.landing_m - self.tread_m
+            for k in range(1, self.steps + 1):
+                first, last = begin + (k - 1) * self.tread_m, begin + k * self.tread_m
+                if k == self.steps:
+                    last = end
+                # A flight has no seams: upstairs a step goes on below those above it, downstairs it begins below them.
+                outline = (first, end) if rise > 0.0 else (begin, last)
+                layout.slab(*outline, level + k * rise, friction=friction)
+            layout.advance(end - begin, self.steps * rise)
+
+
+class Tiled(Part):
+    """A part of squares in a grid."""
+
+    size_m: Size = Field(default=0.12, description="Side of a block, a stone or a patch, m.")
+    length_m: Size = Field(default=3.0, description="Length of the whole, m; rounded down to whole squares.")
+
+    @property
+    def pitch(self) -> float:
+        """Distance of the squares, m."""
+        return self.size_m
+
+    def counts(self, width: float) -> tuple[int, int]:
+        """Return the number of squares along and across ground of a width, m."""
+        along, across = (max(1, math.floor(each / self.pitch + 1e-9)) for each in (self.length_m, width))
+        return along, across
+
+    @model_validator(mode="after")
+    def _limit_boxes(self) -> Self:
+        if math.prod(self.counts(self.width_m)) > MOST_BOXES:
+            raise problem(f"larger squares: at most {MOST_BOXES} in length_m and width_m", "size_m", self.size_m)
+        return self
+
+    def _tiles(self, layout: Layout) -> Iterator[tuple[float, float]]:
+        """Yield the middles of the squares, (x, y), m; afterwards the layout ends behind them."""
+        (along, across), pitch, begin = self.counts(layout.width), self.pitch, layout.x
+        for i in range(along):
+            for j in range(across):
+                yield begin + (i + 0.5) * pitch, (j + 0.5 - 0.5 * across) * pitch
+        layout.advance(along * pitch)
+
+    def _tile(self, layout: Layout, x: float, y: float, top: float, friction: float) -> None:
+        half = 0.5 * self.size_m
+        layout.slab(x - half, x + half, top, right=y - half, left=y + half, friction=friction)
+
+
+class Blocks(Tiled):
+    """Square blocks of random heights side by side."""
+
+    kind: Literal["blocks"] = Field(default="blocks", description="Square blocks of random heights side by side.")
+    max_height_m: Annotated[Positive, Field(le=2.0)] = Field(default=0.04, description="Of the highest block, m.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add the blocks."""
+        layout.step(self.max_height_m, "max_height_m")
+        for x, y in self._tiles(layout):
+            self._tile(layout, x, y, layout.level + layout.rng.uniform(0.0, self.max_height_m), friction)
+
+
+class Stones(Tiled):
+    """Stepping stones."""
+
+    kind: Literal["stones"] = Field(default="stones", description="Stepping stones.")
+    gap_m: Size = Field(default=0.08, description="Mean distance between stones, m.")
+    shift_m: Annotated[Finite, Field(ge=0.0, le=1.0)] = Field(
+        default=0.0, description="Largest displacement of a stone from its place in the grid, each way, m."
+    )
+    uneven_m: Annotated[Finite, Field(ge=0.0, le=1.0)] = Field(
+        default=0.0, description="Largest difference of the height of a stone from that of the ground before, m."
+    )
+    depth_m: Size = Field(default=0.3, description="Depth of the ground between them, m.")
+
+    @property
+    def pitch(self) -> float:
+        """Distance of the stones' middles, m."""
+        return self.size_m + self.gap_m
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add the stones and what is between them."""
+        layout.dig(layout.level - self.depth_m)
+        layout.step(self.uneven_m, "uneven_m")
+        for x, y in self._tiles(layout):
+            shift, rise = layout.rng.uniform(-self.shift_m, self.shift_m, 2), layout.rng.uniform(-1.0, 1.0)
+            self._tile(layout, x + shift[0], y + shift[1], layout.level + self.uneven_m * rise, friction)
+
+    @model_validator(mode="after")
+    def _stay_apart(self) -> Self:
+        if self.shift_m > 0.5 * self.gap_m:
+            raise problem(f"at most half of gap_m, {0.5 * self.gap_m:g}", "shift_m", self.shift_m)
+        return self
+
+
+class Gaps(Part):
+    """Ditches across the way."""
+
+    kind: Literal["gaps"] = Field(default="gaps", description="Ditches across the way.")
+    gap_m: Size = Field(default=0.08, description="Width of a ditch, m.")
+    depth_m: Size = Field(default=0.3, description="Depth of a ditch, m.")
+    count: Annotated[Count, Field(le=200)] = Field(default=3, description="Number of ditches.")
+    spacing_m: Size = Field(default=0.4, description="Level ground behind each ditch, m.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add ditches and what is between them."""
+        layout.dig(layout.level - self.depth_m)
+        for _ in range(self.count):
+            layout.advance(self.gap_m)
+            layout.slab(layout.x, layout.x + self.spacing_m, layout.level, friction=friction)
+            layout.advance(self.spacing_m)
+
+
+class Patches(Tiled):
+    """Level ground with slippery patches."""
+
+    kind: Literal["patches"] = Field(default="patches", description="Level ground with slippery patches.")
+    patch_friction: Friction = Field(default=0.15, description="Coulomb coefficient of the patches.")
+    size_m: Size = Field(default=0.3, description="Side of a patch, m.")
+    share: Fraction = Field(default=0.4, description="Share of the ground that is slippery; 1: all of it.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add the patches."""
+        layout.dig(layout.level - _BELOW_PATCHES_M)
+        for x, y in self._tiles(layout):
+            slippery = layout.rng.uniform() < self.share
+            self._tile(layout, x, y, layout.level, self.patch_friction if slippery else friction)

@@ -29,6 +29,7 @@ forces in the axes of the surfaces.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -49,17 +50,20 @@ class CentroidalAction(Action):
     """Centre of mass and momenta driven by contact forces, friction and normal force bounded (see the module).
 
     ``x = [c; l; k]`` (9,), ``u`` = forces (3 nc,), contact after contact. The path constraint has, for each contact,
-    ``facets`` rows ``mu cos(pi/n) f_n - n_j . f >= 0`` and one row ``f_n``, the force along the normal.
+    ``facets`` rows ``mu cos(pi/n) f_n - n_j . f >= 0`` and one row ``f_n``, the force along the normal. The bounds of
+    normal forces are those of feet: of several points that are one foot, the sum has them, a row of its own, and that
+    of each is only not negative.
 
     Args:
         contacts: number of contact points, nc.
         facets: sides of the friction pyramid, at least 3.
+        feet: number of contact points of each foot; every point is a foot unless given.
 
     Raises:
-        InputError: no contact, or fewer than three facets.
+        InputError: no contact, feet that have another number of points, or fewer than three facets.
     """
 
-    def __init__(self, contacts: int, facets: int = 8) -> None:
+    def __init__(self, contacts: int, facets: int = 8, feet: Sequence[int] | None = None) -> None:
         instance("contacts", contacts, (int, np.integer), "a whole number")
         if contacts < 1:
             raise InputError("contacts", contacts, "at least one contact point")
@@ -67,7 +71,11 @@ class CentroidalAction(Action):
         check_facets(facets)
         self.contacts = contacts
         self.facets = facets
-        self.name = f"centroidal_{contacts}x{facets}"
+        self.feet = (1,) * contacts if feet is None else tuple(int(count) for count in feet)
+        if sum(self.feet) != contacts or min(self.feet) < 1:
+            raise InputError("feet", self.feet, f"numbers of points of feet with {contacts} points together")
+        soles = "" if max(self.feet) == 1 else f"_{'_'.join(map(str, self.feet))}"
+        self.name = f"centroidal_{contacts}x{facets}{soles}"
         self.state = StateVector(9)
         self.nu = 3 * contacts
         self.parameters = ParameterLayout(
@@ -126,14 +134,25 @@ class CentroidalAction(Action):
         rows: list[Any] = []
         lower: list[Any] = []
         upper: list[Any] = []
+        alone = [count == 1 for count in self.feet for _ in range(count)]
+        normal: list[Any] = []
         for i in range(self.contacts):
             flag, block = s["contact_flags"][i], slice(3 * i, 3 * i + 3)
             force = ca.vertsplit(axes_of(s["contact_normals"][block]).T @ u[block])
+            normal.append(force[2])
             half_width = pyramid_half_width(s["friction"][i], self.facets)
             opened = -(1 - flag) * s["normal_force_max"]
             rows += [*friction_margins(force, half_width, self.facets), force[2]]
-            lower += [*[opened] * self.facets, flag * s["normal_force_min"] + opened]
+            lowest = flag * s["normal_force_min"] + opened if alone[i] else opened
+            lower += [*[opened] * self.facets, lowest]
             upper += [*[ca.SX(ca.inf)] * self.facets, s["normal_force_max"]]
+        for first, count in zip(np.cumsum((0, *self.feet)).tolist(), self.feet, strict=False):
+            if count > 1:
+                flag = s["contact_flags"][first]
+                opened = -count * (1 - flag) * s["normal_force_max"]
+                rows.append(sum(normal[first : first + count]))
+                lower.append(flag * s["normal_force_min"] + opened)
+                upper.append(s["normal_force_max"])
         return Bounded(ca.vertcat(*rows), ca.vertcat(*lower), ca.vertcat(*upper))
 
     def _effective_forces(self, u: Any, s: dict[str, Any]) -> Any:

@@ -60,7 +60,8 @@ def _show(config: Document, lines: Lines, notes: Sequence[str]) -> None:
 def _robot(robot: Robot) -> Lines:
     base = "free" if robot.floating_base else "fixed"
     yield "robot", f"{robot.name}, {robot.mass:.3f} kg, {base} base, {robot.nu} joints"
-    yield "contacts", ", ".join(robot.contact_frames) or "none"
+    soles = not robot.foot_points.single
+    yield "contacts", ("; " if soles else ", ").join(map(str, robot.feet)) or "none"
 
 
 def _closed_loop(config: Config, robot: Robot) -> Lines:

@@ -79,7 +79,7 @@ def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
     elif not _spans_area(robot):
         frames = ", ".join(robot.contact_frames)
         got = f"{robot.nc} contact point{'s on one line' if robot.nc > 1 else ''} ({frames})"
-        expected = "three or more that are not on one line: contacts are points, soles included, and transmit no moment"
+        expected = "three or more that are not on one line, or soles: robot.feet instead of contact_frames"
         yield config.error("robot.contact_frames", got, expected)
     points = point_masses(robot.model)
     if points and config.plant.kind == "mujoco":

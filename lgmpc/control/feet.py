@@ -16,7 +16,7 @@ from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
-from lgmpc.locomotion.swing import SwingTrajectory
+from lgmpc.locomotion.swing import HeadingTrajectory, SwingTrajectory
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
@@ -45,15 +45,18 @@ class Feet:
         legs: geometry of the legs.
         clock: the schedule.
         events: measured contacts compared with the schedule.
-        stance: (nc,) which feet carry at this tick.
-        position: (nc, 3) targets of the feet in the air, world, m.
-        velocity: (nc, 3) m/s.
-        acceleration: (nc, 3) m/s2.
-        footholds: (nc, 3) where each foot stands or will touch down next, world, m.
+        points: of the feet: what is decided per foot here is carried out per contact point.
+        stance: (nf,) which feet carry at this tick.
+        position: (nf, 3) targets of the feet in the air, of soles of their centres, world, m.
+        velocity: (nf, 3) m/s.
+        acceleration: (nf, 3) m/s2.
+        footholds: (nf, 3) where each foot stands or will touch down next, world, m.
+        yaws: (nf,) headings of soles there, rad.
+        targets: (nc, 3) of the contact points of the feet in the air, world, m.
         stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
         changed: whether other feet carry than at the last tick.
-        settled: (nc,) feet that have carried for long enough for their sliding to be evidence about the floor.
+        settled: (nc,) points of feet that carry for long enough for their sliding to be evidence about the floor.
         ground: the plane through the last footholds.
     """
 
@@ -67,21 +70,28 @@ class Feet:
         period: float = 1e-3,
     ) -> None:
         self.legs = LegGeometry.of(robot)
+        self.points = robot.foot_points
         self.ground = TerrainBelief(robot.nc, self.legs.height, settings.terrain)
         self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
-        self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nc)]
-        self.position, self.velocity, self.acceleration = np.zeros((3, robot.nc, 3))
-        self.footholds, self._nominal = np.zeros((2, robot.nc, 3))
+        self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nf)]
+        self.position, self.velocity, self.acceleration = np.zeros((3, robot.nf, 3))
+        self.footholds, self._nominal = np.zeros((2, robot.nf, 3))
+        self.yaws = np.zeros(robot.nf)
+        self._headings = [] if self.points.single else [HeadingTrajectory() for _ in range(robot.nf)]
+        self.targets = self.position if self.points.single else np.zeros((robot.nc, 3))
         self._level = True
         self._may_stretch = True  # whether long steps may take longer than scheduled
-        self._contacts, self._shares, self._period = contacts, [1.0] * robot.nc, period
+        self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
     def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
-        """Begin to stand at ``points`` (nc, 3); feet without contact are put down first."""
+        """Begin to stand at contact points (nc, 3); feet without a point in contact (nc,) are put down first."""
+        self.ground.begin(points, contacts)
+        self.yaws[:], self.targets[:], points = self.points.yaws(points), points, self.points.mean(points)
+        contacts = None if contacts is None else self.points.touching(contacts)
         self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
         self.events = ContactEvents(self.clock, self._settings.contacts, self._contact_age)
         self.stance = self.events.stance
@@ -91,14 +101,18 @@ class Feet:
             assert swing is not None
             self._swings[foot].put_down(time, swing.touchdown, points[foot])
         self.changed = False
-        self.settled = self.events.steady(time - _SETTLED_S)
+        self.settled: list[bool] = self.points.spread(self.events.steady(time - _SETTLED_S))
         self.standing = contacts is None or bool(contacts.all())
         self.stepping = not self.standing
         self.footholds[:] = points
         self.position[:] = points
         self.velocity[:] = self.acceleration[:] = 0.0
-        self.ground.begin(points, contacts)
         self._write_normals()
+
+    @property
+    def point_footholds(self) -> Array:
+        """(nc, 3) where each contact point stands or will touch down next, world, m."""
+        return self.points.place(self.footholds, self.yaws, self.ground.normal)
 
     def gait(self, command: MotionCommand) -> Gait:
         """Return the gait of a command.
@@ -163,7 +177,9 @@ class Feet:
             contacts: (nc,) measured contacts; None where nothing is measured.
             motion: of the robot in the plane.
         """
-        stance = self.events.update(time, contacts)
+        corners, feet = points, self.points
+        stance = self.events.update(time, None if contacts is None else feet.touching(contacts))
+        points, velocities = feet.mean(points), feet.mean(velocities)
         stands = stance.tolist()
         self.changed = stands != self._stood
         if all(stands):
@@ -171,11 +187,14 @@ class Feet:
             self.position[...] = points
             if self.changed:
                 self.velocity[:] = self.acceleration[:] = 0.0
+            if not feet.single:
+                self.yaws[:], self.targets[:] = feet.yaws(corners), corners
         else:
+            yaws = feet.yaws(corners)
             for foot, carries in enumerate(stands):
-                self._update_foot(foot, carries, time, points[foot], velocities[foot], motion)
-        self.settled = self.events.steady(self.clock.time - _SETTLED_S)
-        self.ground.update(self._period, points, self.settled)
+                self._update_foot(foot, carries, time, points[foot], velocities[foot], yaws[foot], motion)
+        self.settled = feet.spread(self.events.steady(self.clock.time - _SETTLED_S))
+        self.ground.update(self._period, corners, self.settled)
         self._write_normals()
         self._stood = stands
         self.standing = self.events.resting
@@ -188,14 +207,17 @@ class Feet:
         self._level = self.ground.level
 
     def _update_foot(
-        self, foot: int, carries: bool, time: float, point: Array, velocity: Array, motion: BaseMotion
+        self, foot: int, carries: bool, time: float, point: Array, velocity: Array, yaw: float, motion: BaseMotion
     ) -> None:
         if carries:
             self.footholds[foot] = self.position[foot] = point
+            self.yaws[foot] = yaw
             self.velocity[foot] = self.acceleration[foot] = 0.0
             return
         searched = self._swings[foot].touchdown <= time and not self.events.searching(foot)
         if self._stood[foot] or searched:  # a foot that found no ground begins its next swing in the air
+            if self._headings:
+                self._headings[foot].begin(time, yaw)
             self._lift(foot, time, point, velocity, motion)
         self._move(foot, time, motion)
 
@@ -217,6 +239,8 @@ class Feet:
             if path.retarget(time, self.footholds[foot]):
                 self.clock.stretch(foot, time, path.touchdown)
         path.sample(time, self.position[foot], self.velocity[foot], self.acceleration[foot])
+        if self._headings:
+            self._headings[foot].retarget(time, path.touchdown, float(self.yaws[foot]))
         self.footholds[foot] = path.target
 
     def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> None:
@@ -224,6 +248,7 @@ class Feet:
         stance = self.clock.stance_duration(foot, time)
         others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
         remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
+        self.yaws[foot] = self._planner.heading(motion, remaining, stance)
         self._nominal[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
         self._nominal[foot, 2] = self.ground.height_at(*self._nominal[foot, :2].tolist())
         self.footholds[foot] = self._nominal[foot]
@@ -231,15 +256,26 @@ class Feet:
     def write_contacts(self, time: float, swing: Task) -> None:
         """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""
         contacts, shares = self._contacts, self.events.loading(time)
-        contacts.stance[...] = self.stance
+        contacts.stance[...] = self.points.spread(self.stance)
         if shares != self._shares:
             self._shares = shares
             np.multiply(shares, self._highest, out=contacts.highest_normal)
             np.minimum(self._lowest, contacts.highest_normal, out=contacts.lowest_normal)
         if not self.standing:
-            target = swing.target
-            target.position[...], target.velocity[...] = self.position, self.velocity
-            target.acceleration[...] = self.acceleration
+            target, spread = swing.target, self.points.spread
+            target.velocity[...], target.acceleration[...] = spread(self.velocity), spread(self.acceleration)
+            if self._headings:
+                self._turn_soles(time, target.velocity, target.acceleration)
+            target.position[...] = self.targets
+
+    def _turn_soles(self, time: float, velocities: Array, accelerations: Array) -> None:
+        """Write the targets of the soles' points, and add what they move by turning; soles lie along the ground."""
+        yaws, rates, turning = np.array([heading.sample(time) for heading in self._headings]).T[:, self.points.of]
+        arms = self.points.arms(np.where(self.stance, self.yaws, yaws[self.points.starts]), self.ground.normal)
+        across = np.cross(self.ground.normal, arms)
+        self.targets[...] = self.position[self.points.of] + arms
+        velocities += rates[:, None] * across
+        accelerations += turning[:, None] * across - (rates**2)[:, None] * arms
 
     def write_horizon(
         self,
@@ -255,10 +291,16 @@ class Feet:
         The schedule is that of the feet, or of another clock.
         """
         clock = self.clock if clock is None else clock
-        clock.horizon(time, dt, horizon.flags)
-        self.events.correct(horizon.flags, dt)
+        feet, single = self.points, self.points.single
+        flags = horizon.flags if single else np.empty((len(horizon.flags), feet.feet), dtype=np.bool_)
+        centres = horizon.points if single else np.empty((*flags.shape, 3))
+        clock.horizon(time, dt, flags)
+        self.events.correct(flags, dt)
         points = np.where((self.stance | self._fixed(time))[:, None], self.footholds, self._nominal)
-        self._planner.horizon(clock, motion, time, dt, points, horizon.points, self.stance.tolist())
+        yaws = None if single else np.tile(self.yaws, (len(flags), 1))
+        self._planner.horizon(clock, motion, time, dt, points, centres, self.stance.tolist(), yaws)
+        if yaws is not None:
+            horizon.flags[...], horizon.points[...] = flags[:, feet.of], feet.place(centres, yaws, self.ground.normal)
         horizon.normals[...] = self.ground.normal
         horizon.friction[:] = friction
 

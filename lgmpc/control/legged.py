@@ -168,10 +168,10 @@ class LeggedController:
         """Return the report of the tick that began at ``started`` on the clock, s."""
         wbc, feet, terms, spent = self.wbc, self.feet, self.wbc.terms, self._plan_s + self._forecast_s
         return TickReport(
-            time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.stance,
-            feet.events.states, terms.contact_points, terms.com, terms.momentum, self.target, self.base_target,
-            feet.position, feet.footholds, wbc.forces, wbc.external_wrench, wbc.joint_friction, wbc.status,
-            None if self.planner is None else self.planner.plan, self._planned,
+            time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.points.spread(feet.stance),
+            feet.points.spread(feet.events.states), terms.contact_points, terms.com, terms.momentum, self.target,
+            self.base_target, feet.targets, feet.point_footholds, wbc.forces, wbc.external_wrench,
+            wbc.joint_friction, wbc.status, None if self.planner is None else self.planner.plan, self._planned,
             1e3 * (perf_counter() - started - spent), 1e3 * self._plan_s, 1e3 * self._forecast_s,
         )  # fmt: skip
 
@@ -193,7 +193,8 @@ class LeggedController:
         if finite:
             self._step(state, request)
             if self.joint_friction is not None:
-                self.wbc.joint_friction[:] = self.joint_friction.update(measured, self.feet.stance, missed)
+                stance = self.feet.points.spread(self.feet.stance)
+                self.wbc.joint_friction[:] = self.joint_friction.update(measured, stance, missed)
         planner = self.planner if mode.upright else None
         if planner is not None:
             self._plan(state.time, planner, missed)

@@ -33,7 +33,7 @@ class _Pushed:
         desired: over the horizon, to catch the push.
         contacts: over the horizon, overwritten for each schedule.
         friction: to rely on.
-        forces: (nc,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet that
+        forces: (nf,) normal forces of the feet, N: of schedules that cost the same, the one that lifts the feet that
             carry least.
     """
 
@@ -130,7 +130,8 @@ class PushSteps:
             desired, (intervals, feet) = planner.motion.copy(), planner.contacts.flags.shape
             desired.catching = True
             contacts = ContactHorizon.allocate(intervals, feet)
-            self._pushed = _Pushed(state, planner.wrench, motion, desired, contacts, friction, forces.copy())
+            loads = self._feet.points.total(forces)
+            self._pushed = _Pushed(state, planner.wrench, motion, desired, contacts, friction, loads)
 
     def decide(self, time: float, planner: Planner) -> bool:
         """Evaluate the next schedule, if a decision is under way; return whether steps begin at ``time``, s."""

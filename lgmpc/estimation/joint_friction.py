@@ -181,17 +181,18 @@ class JointFrictionEstimator:
 
 
 def _legs(robot: Robot) -> BoolArray:
-    """Return (nc, nu) which joints carry each foot; a joint of several legs belongs to none."""
+    """Return (nc, nu) which joints carry each contact point; a joint of several legs belongs to none."""
     model = robot.model
     if not robot.floating_base or robot.nq - 7 != robot.nu or robot.nc == 0:
         raise InputError("robot", robot.name, "a floating base, joints of one coordinate each, and contact frames")
-    legs = np.zeros((robot.nc, robot.nu), dtype=np.bool_)
-    for foot, frame in enumerate(robot.contact_ids):
+    legs = np.zeros((robot.nf, robot.nu), dtype=np.bool_)
+    for foot, frame in enumerate(robot.foot_ids):
         for joint in model.supports[model.frames[frame].parentJoint]:
             if joint > 1:
                 legs[foot, model.joints[joint].idx_v - 6] = True
     legs[:, legs.sum(axis=0) > 1] = False
-    return legs
+    carried: BoolArray = legs[robot.foot_points.of]
+    return carried
 
 
 def _free_torques(robot: Robot) -> ca.Function:

@@ -197,6 +197,10 @@ class FootholdPlanner:
         com = self.expected(motion, remaining, present=True)
         return self._place(foot, motion, com, (motion.vx, motion.vy), remaining, stance, others, width)
 
+    def heading(self, motion: BaseMotion, remaining: float, stance: float) -> float:
+        """Return the heading of the base in the middle of the stance that begins in ``remaining``, s, rad."""
+        return motion.yaw + motion.yaw_rate * (remaining + (0.5 * stance if stance < math.inf else 0.0))
+
     def place_later(self, foot: int, motion: BaseMotion, remaining: float, stance: float, width: float = 1.0) -> Point:
         """Return the foothold of a later swing: as :meth:`place`, after the velocity error has decayed."""
         left = self._left(remaining)
@@ -331,6 +335,7 @@ class FootholdPlanner:
         contacts: Array,
         points: Array,
         stance: Sequence[bool] | None = None,
+        yaws: Array | None = None,
     ) -> None:
         """Write the contact point or next foothold of each foot in each interval of a horizon.
 
@@ -343,6 +348,7 @@ class FootholdPlanner:
             points: (N, nc, 3), overwritten.
             stance: (nc,) feet that stand; those that lift off now then have their next foothold here, not among
                 ``contacts``. Those that the clock has on the ground unless given.
+            yaws: (N, nc) headings of the feet there, overwritten from their next lift-off on, rad.
         """
         count = len(points)
         points[:] = contacts
@@ -358,6 +364,8 @@ class FootholdPlanner:
                 points[begin:, foot, 0] = x
                 points[begin:, foot, 1] = y
                 points[begin:, foot, 2] = self.ground.height_at(x, y)
+                if yaws is not None:
+                    yaws[begin:, foot] = self.heading(motion, swing.touchdown - t, duration)
 
 
 def _oblique(normal: Point, line: Point) -> Point:

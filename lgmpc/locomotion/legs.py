@@ -24,13 +24,13 @@ class LegGeometry:
     """The legs in the reference posture, relative to the centre of mass, axes of the base.
 
     Attributes:
-        feet: (nc, 3) contact points, m.
-        hips: (nc, 3) hips: positions of each leg's second joint (the first one is the abduction), or of the first one
+        feet: (nf, 3) contact points, of soles their centres, m.
+        hips: (nf, 3) hips: positions of each leg's second joint (the first one is the abduction), or of the first one
             of a leg with two joints, m.
-        length: (nc,) largest distance from hip to contact frame within the range of the joints between, m.
+        length: (nf,) largest distance from hip to foot within the range of the joints between, m.
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
-        normals: (nc, 3) unit vectors along which legs cannot move their feet (see :func:`~lgmpc.robot.leg_normals`).
+        normals: (nf, 3) unit vectors along which legs cannot move their feet (see :func:`~lgmpc.robot.leg_normals`).
     """
 
     feet: Array
@@ -59,7 +59,7 @@ class LegGeometry:
         pin.framesForwardKinematics(model, data, q)
         base = pin.XYZQUATToSE3(q[:7])
         feet, hips, lengths = [], [], []
-        for name, frame in zip(robot.contact_frames, robot.contact_ids, strict=True):
+        for name, frame in zip(robot.foot_names, robot.foot_ids, strict=True):
             joints = leg_chain(robot, frame)
             if not joints:
                 raise InputError("contact_frames", name, "a frame that a joint of the leg moves")

@@ -67,15 +67,15 @@ def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
     Raises:
         InputError: a user's gait of another number of feet, or steps against pushes with a gait that does not exist.
     """
-    gaits = {"stand": Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * robot.nc)}
-    if robot.nc == 4:
+    gaits = {"stand": Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * robot.nf)}
+    if robot.nf == 4:
         legs = LegGeometry.of(robot)
         order = sorted(range(4), key=lambda foot: (-math.copysign(1.0, legs.feet[foot, 0]), -legs.feet[foot, 1]))
         place = [order.index(foot) for foot in range(4)]
         gaits |= {name: gait.reordered(place) for name, gait in quadruped_gaits(legs.height).items()}
     for i, gait in enumerate(settings.gaits):
-        if gait.nc != robot.nc:
-            raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nc}, one for each foot")
+        if gait.nc != robot.nf:
+            raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nf}, one for each foot")
         gaits[gait.name] = gait
     if settings.reaction.enabled:
         find_gait(gaits, settings.reaction.gait, "locomotion.reaction.gait")

@@ -18,7 +18,7 @@ from pydantic import Field
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["SwingSettings", "SwingTrajectory"]
+__all__ = ["HeadingTrajectory", "SwingSettings", "SwingTrajectory"]
 
 _STEEPEST = 2.0
 """Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
@@ -208,6 +208,31 @@ class SwingTrajectory:
             min(self.settings.touchdown_speed_m_s, _STEEPEST * height / duration) if duration > 0.0 else 0.0
         )
         self._fall = _quintic(state, (self.target[2], -self.touchdown_speed, 0.0), duration)
+
+
+class HeadingTrajectory:
+    """The heading of one sole in its swing: :meth:`begin`, then every tick :meth:`retarget` and :meth:`sample`."""
+
+    def __init__(self) -> None:
+        self._planned = self._touchdown = self._target = 0.0
+        self._yaw = _at_rest(0.0)
+
+    def begin(self, t: float, yaw: float) -> None:
+        """Begin a swing at rest at heading ``yaw``, rad."""
+        self._planned = self._touchdown = t
+        self._target, self._yaw = yaw, _at_rest(yaw)
+
+    def retarget(self, t: float, touchdown: float, yaw: float) -> None:
+        """Be at rest at heading ``yaw``, rad, at ``touchdown``, s."""
+        if (touchdown, yaw) != (self._touchdown, self._target):
+            now = self.sample(t)
+            self._target = now[0] + math.remainder(yaw - now[0], 2.0 * math.pi)
+            self._yaw = _quintic(now, (self._target, 0.0, 0.0), touchdown - t)
+            self._planned, self._touchdown = t, touchdown
+
+    def sample(self, t: float) -> State:
+        """Return heading, rad, its rate and acceleration at time ``t``; after the touchdown at rest."""
+        return _evaluate(self._yaw, t - self._planned) if t < self._touchdown else (self._target, 0.0, 0.0)
 
 
 def _at_rest(position: float) -> Coefficients:

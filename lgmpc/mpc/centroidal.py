@@ -18,6 +18,7 @@ from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
+from lgmpc.robot.friction import chosen_facets
 from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
@@ -71,6 +72,7 @@ class CentroidalMpc(SqpMpc):
         mass: of the robot, kg.
         contacts: number of contact points, nc.
         settings: horizon, weights, limits.
+        feet: number of contact points of each foot; every point is a foot unless given.
         gravity: (3,) world axes, m/s^2.
         progress: called with a description of what is being compiled.
 
@@ -85,12 +87,15 @@ class CentroidalMpc(SqpMpc):
         contacts: int,
         settings: CentroidalMpcSettings | None = None,
         *,
+        feet: tuple[int, ...] | None = None,
         gravity: tuple[float, float, float] | Array = GRAVITY,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         s = CentroidalMpcSettings() if settings is None else settings
         mass = checked_mass(mass)
-        problem = ShootingProblem(CentroidalAction(contacts, s.friction_facets), s.nodes)
+        soles = feet is not None and max(feet) > 1
+        action = CentroidalAction(contacts, chosen_facets(s.friction_facets, soles), feet if soles else None)
+        problem = ShootingProblem(action, s.nodes)
         problem.set("mass", mass)
         problem.set("gravity", gravity)
         problem.set("duration", s.node_s)
@@ -123,7 +128,8 @@ class CentroidalMpc(SqpMpc):
         cls, robot: Robot, settings: CentroidalMpcSettings, progress: Callable[[str], None] | None = None
     ) -> CentroidalMpc:
         """Return the controller of a robot; arguments and errors as of the class."""
-        return cls(robot.mass, robot.nc, settings, gravity=robot.gravity, progress=progress)
+        feet = tuple(len(foot.points) for foot in robot.feet)
+        return cls(robot.mass, robot.nc, settings, feet=feet, gravity=robot.gravity, progress=progress)
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`."""

@@ -112,12 +112,12 @@ class FullBodyMpc(SqpMpc):
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
             *costs,
         ]
-        cones = [FrictionCone(frame, s.friction_facets) for frame in contacts]
+        cones = [FrictionCone(frame, s.facets(robot)) for frame in contacts]
         limits = [
             *(ConstraintItem(f"cone{i}", cone, 0.0, np.inf) for i, cone in enumerate(cones)),
             ConstraintItem("effort_limit", Control(robot.nu), -robot.effort_limit, robot.effort_limit),
         ]
-        action = MultibodyAction(f"full_body_{robot.nc}x{s.friction_facets}", dynamics, items, limits)
+        action = MultibodyAction(f"full_body_{robot.nc}x{s.facets(robot)}", dynamics, items, limits)
         n, nc = s.nodes, robot.nc
         problem = ShootingProblem(action, n)
         problem.set("duration", s.node_s)

@@ -6,6 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
+from lgmpc.robot import Robot
+from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
 
@@ -88,13 +90,18 @@ class MpcSettings(Settings):
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
     )
-    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = Field(
+        default=None,
+        description="Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4.",
     )
 
     def normal_force(self, mass: float) -> tuple[float, float]:
         """Return the lowest and highest normal force of a foot of a robot of ``mass`` kg, N."""
         return normal_force_range(self.normal_force_n, _NORMAL_FORCE, mass)
+
+    def facets(self, robot: Robot) -> int:
+        """Return the number of facets at each contact point of a robot."""
+        return chosen_facets(self.friction_facets, not robot.foot_points.single)
 
     @field_validator("qp_solver", mode="before")
     @classmethod

@@ -5,6 +5,7 @@ from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
 from lgmpc.robot.legs import leg_chain, leg_clearances, leg_joints, leg_normals, upper_body_joints
 from lgmpc.robot.loading import load_robot
 from lgmpc.robot.model import ModelSource, Robot
+from lgmpc.robot.soles import Foot, FootPoints, FootSpec
 from lgmpc.robot.sources import available_models
 from lgmpc.robot.spec import RobotSpec
 
@@ -12,6 +13,9 @@ __all__ = [
     "Box",
     "Capsule",
     "CollisionShape",
+    "Foot",
+    "FootPoints",
+    "FootSpec",
     "Sphere",
     "ContactPhase",
     "ContactSchedule",

@@ -36,7 +36,7 @@ def leg_chain(robot: Robot, frame: int) -> list[int]:
 
 def upper_body_joints(robot: Robot) -> list[int]:
     """Return the joints that move no foot, such as those of an arm on the base."""
-    legs = {joint for frame in robot.contact_ids for joint in leg_joints(robot, frame)}
+    legs = {joint for frame in robot.foot_ids for joint in leg_joints(robot, frame)}
     return [joint for joint in range(2 if robot.floating_base else 1, robot.model.njoints) if joint not in legs]
 
 
@@ -47,11 +47,11 @@ def leg_normals(robot: Robot) -> Array:
         robot: with a floating base.
 
     Returns:
-        (nc, 3) unit vectors, axes of the base; zeros for a leg that moves its foot in all directions, or in one only.
+        (nf, 3) unit vectors, axes of the base; zeros for a leg that moves its foot in all directions, or in one only.
     """
     model, data = robot.model, robot.create_data()
-    normals = np.zeros((robot.nc, 3))
-    for foot, frame in enumerate(robot.contact_ids):
+    normals = np.zeros((robot.nf, 3))
+    for foot, frame in enumerate(robot.foot_ids):
         joints = leg_joints(robot, frame)
         columns = [model.joints[joint].idx_v + i for joint in joints for i in range(model.joints[joint].nv)]
         motions = []
@@ -81,7 +81,7 @@ def leg_clearances(robot: Robot, q: Array) -> Array:
     """
     model, data = robot.model, robot.create_data()
     chains = []
-    for frame in robot.contact_ids:
+    for frame in robot.foot_ids:
         chains.append((leg_chain(robot, frame), frame))
     paths = [np.empty((len(q), len(joints) + 1, 3)) for joints, _ in chains]
     for k, configuration in enumerate(q):

@@ -15,6 +15,7 @@ from lgmpc.robot.collision import check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
 from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, propose_posture, put_on_ground, reference_posture
+from lgmpc.robot.soles import Foot, make_feet
 from lgmpc.robot.sources import ResolvedSource, build_model, find_packages, resolve
 from lgmpc.robot.spec import RobotSpec
 from lgmpc.robot.urdf_text import read_urdf_text
@@ -68,13 +69,21 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     actuators = _set_actuators(model, joints, spec, q)
 
     inertia_problems, inertia_notes = checks.check_inertias(model)
-    frame_problems = checks.check_contact_frames(model, spec.contact_frames)
+    frame_problems = checks.check_contact_frames(model, [*spec.contact_frames, *(foot.frame for foot in spec.feet)])
+    soles: list[Foot] = []
+    if spec.feet and not frame_problems and not posture_problems:
+        soles, frame_problems = make_feet(model, q, spec.feet, files)
+    frames = spec.contact_frames
+    if spec.feet and not frame_problems:
+        for sole in soles:
+            sole.add_to(model)
+        frames = tuple(name for sole in soles for name in sole.frames)
     problems = [*text.problems, *actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
     problems += check_shapes(model, spec.collision_shapes)
     problems += checks.check_posture(joints, q, model.lowerPositionLimit, model.upperPositionLimit)
     problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
-    ids = () if frame_problems else tuple(frame_index(model, frame) for frame in spec.contact_frames)
+    ids = () if frame_problems else tuple(frame_index(model, frame) for frame in frames)
     q = put_on_ground(model, q, ids, spec.contact_radius_m)
     heights = contact_heights(model, q, ids, spec.contact_radius_m) if ids else np.zeros(1)
     uneven = (
@@ -91,7 +100,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     robot = Robot(
         name=name,
         model=model,
-        contact_frames=tuple(spec.contact_frames),
+        contact_frames=frames,
         contact_ids=ids,
         contact_radius=float(spec.contact_radius_m),
         q_reference=q,
@@ -102,6 +111,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
         armature=actuators.armature[start:],
         joint_friction=actuators.friction[start:],
         source=files,
+        soles=tuple(soles),
         given_shapes=spec.collision_shapes,
         notes=notes,
     )

@@ -14,6 +14,7 @@ from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
 from lgmpc.robot.names import degree_names, frame_index, is_floating
+from lgmpc.robot.soles import Foot, FootPoints
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class Robot:
     Attributes:
         name: name in example-robot-data, or the URDF's.
         model: Pinocchio model; joint 1 is the free-flyer if the base floats.
-        contact_frames: (nc,) names of the frames that touch the ground.
+        contact_frames: (nc,) names of the frames that touch the ground: of point feet and of the corners of soles.
         contact_ids: (nc,) their frame indices in ``model``.
         contact_radius: radius of the spherical feet, m; 0 for point feet. A contact point is its frame's origin minus
             ``contact_radius`` times the world's z axis.
@@ -61,6 +62,7 @@ class Robot:
         joint_friction: (nu,) identified Coulomb friction of the joints, N.m (N).
         source: the model's files.
         notes: unusual properties found by the checks.
+        soles: the feet with soles, in the order of their points; none of a robot on point feet.
         given_shapes: collision shapes besides the feet; None for the URDF's collision geometry.
     """
 
@@ -78,6 +80,7 @@ class Robot:
     joint_friction: Array
     source: ModelSource
     notes: tuple[str, ...] = ()
+    soles: tuple[Foot, ...] = ()
     given_shapes: tuple[Sphere | Box | Capsule, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -94,7 +97,7 @@ class Robot:
 
     def __repr__(self) -> str:
         base = "free" if self.floating_base else "fixed"
-        feet = ", ".join(self.contact_frames) or "no contact frames"
+        feet = ", ".join(self.foot_names) or "no contact frames"
         return f"<Robot {self.name}: {self.mass:.3f} kg, {base} base, {self.nu} joints, {feet}>"
 
     def _repr_html_(self) -> str:
@@ -103,7 +106,7 @@ class Robot:
             ("mass", f"{self.mass:.3f} kg"),
             ("base", "free" if self.floating_base else "fixed"),
             ("joints", f"{self.nu}: {', '.join(self.joint_names)}"),
-            ("contact frames", ", ".join(self.contact_frames) or "none"),
+            ("feet", ", ".join(map(str, self.feet)) or "none"),
             ("largest effort", _span(self.effort_limit, "N.m")),
             ("largest speed", _span(self.velocity_limit, "rad/s")),
             *(("note", note) for note in self.notes),
@@ -147,8 +150,33 @@ class Robot:
 
     @property
     def nc(self) -> int:
-        """Number of contact frames."""
+        """Number of contact points."""
         return len(self.contact_frames)
+
+    @property
+    def nf(self) -> int:
+        """Number of feet."""
+        return len(self.feet)
+
+    @cached_property
+    def feet(self) -> tuple[Foot, ...]:
+        """The (nf,) feet: soles, or points at the contact frames."""
+        return self.soles or tuple(map(Foot.point, self.contact_frames))
+
+    @cached_property
+    def foot_names(self) -> tuple[str, ...]:
+        """(nf,) names of the frames that the feet are fixed to."""
+        return tuple(foot.frame for foot in self.feet)
+
+    @cached_property
+    def foot_ids(self) -> tuple[int, ...]:
+        """(nf,) indices of the frames at the feet's centres."""
+        return tuple(int(self.model.getFrameId(foot.centre)) for foot in self.feet)
+
+    @cached_property
+    def foot_points(self) -> FootPoints:
+        """Assignment of the nc contact points to the nf feet."""
+        return FootPoints.of_robot(self)
 
     @cached_property
     def floating_base(self) -> bool:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Union
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from lgmpc.robot.collision import AnyShape
+from lgmpc.robot.soles import FootSpec
 from lgmpc.settings import Finite, NonNegative, PerJoint, PerJointRange, Positive, Settings, problem
 
 __all__ = ["RobotSpec"]
@@ -69,6 +70,9 @@ class RobotSpec(Settings):
         description="Radius of the spherical feet in m, at most 0.5; 0 for point feet. The contact point is this far "
         "below the frame's origin.",
     )
+    feet: tuple[FootSpec, ...] = Field(
+        default=(), description="Feet with soles, in the order of the logs; instead of contact_frames."
+    )
     posture: Posture | None = Field(
         default=None,
         description="Reference posture: name of an SRDF reference configuration, or {joint name or pattern: rad or m}. "
@@ -121,4 +125,12 @@ class RobotSpec(Settings):
         for i, frame in enumerate(self.contact_frames):
             if frame in self.contact_frames[:i]:
                 raise problem("each frame once", key=f"contact_frames.{i}", got=frame)
+        names = [foot.frame for foot in self.feet]
+        for i, frame in enumerate(names):
+            if frame in names[:i]:
+                raise problem("each frame once", key=f"feet.{i}.frame", got=frame)
+        if self.feet and self.contact_frames:
+            raise problem("none, because feet are given", key="contact_frames", got=", ".join(self.contact_frames))
+        if self.feet and self.contact_radius_m:
+            raise problem("0, because feet have soles", key="contact_radius_m", got=self.contact_radius_m)
         return self

@@ -46,8 +46,8 @@ class Contacts:
         friction: (nc,) assumed Coulomb coefficient.
         normals: (nc, 3) unit normals of the surfaces under the feet, world axes.
         target_forces: (nc, 3) reference of the forces, world axes, on the robot, N.
-        lowest_normal: (nc,) normal force that a foot in contact keeps, N.
-        highest_normal: (nc,) normal force that a foot in contact may reach, N.
+        lowest_normal: (nf,) normal force that a foot in contact keeps, N: of a sole, the sum over its corners.
+        highest_normal: (nf,) normal force that a foot in contact may reach, N.
     """
 
     stance: BoolArray
@@ -76,8 +76,8 @@ class Contacts:
             np.full(nc, settings.friction),
             np.tile(np.array(UP), (nc, 1)) if normals is None else normals,
             forces,
-            np.full(nc, lowest),
-            np.full(nc, highest),
+            np.full(robot.nf, lowest),
+            np.full(robot.nf, highest),
         )
 
 
@@ -109,6 +109,7 @@ class WholeBodyQp:
         self.contacts = Contacts.standing(robot, settings, terms.normals)
         self.external_wrench = np.zeros(6)
         self.joint_friction = robot.joint_friction.copy()
+        assert settings.friction_facets is not None
         self._terms, self._solver, self._facets = terms, solver, settings.friction_facets
         weighted = [task for task in tasks if task.weight.any()]
         self._numeric = [task for task in weighted if isinstance(task, NumericTask)]
@@ -129,7 +130,12 @@ class WholeBodyQp:
         ]
         self._first_force, self._forces = nv, s.solution[nv:]
         s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
-        s.upper[nu:] = 0.0
+        pyramids = nu + robot.nc * self._facets
+        s.upper[nu:pyramids] = 0.0
+        patches = robot.foot_points
+        for foot, (first, count) in enumerate(zip(patches.starts.tolist(), patches.counts.tolist(), strict=True)):
+            if not patches.single:
+                s.inequality[pyramids + foot, nv + 3 * first + 2 : nv + 3 * (first + count) : 3] = 1.0
         self._run = StageKernel.of(_data, robot, symbolic).bind(
             1,
             q=terms.q,
@@ -154,10 +160,17 @@ class WholeBodyQp:
             upper=s.upper[:nu],
             box_lower=s.box_lower[base:],
             box_upper=s.box_upper[base:],
+            **({} if patches.single else {"foot_lower": s.lower[pyramids:], "foot_upper": s.upper[pyramids:]}),
             bias=self._bias,
             magnitude=self._magnitude,
             axes=self._axes.reshape(-1),
         )
+
+    @staticmethod
+    def rows(robot: Robot, settings: WholeBodySettings) -> int:
+        """Return the number of inequalities with (scaled) settings: torques, pyramids, and sums over soles."""
+        assert settings.friction_facets is not None
+        return robot.nu + settings.friction_facets * robot.nc + (0 if robot.foot_points.single else robot.nf)
 
     def update(self) -> float:
         """Write the QP of this tick into the solver's memory.
@@ -200,7 +213,7 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
     model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
     base = nv - nu
     sizes = {"q": robot.nq, "v": nv, "stance": nc, "normals": 3 * nc, "target_forces": 3 * nc}
-    sizes |= {"lowest_normal": nc, "highest_normal": nc, "external_wrench": 6}
+    sizes |= {"lowest_normal": robot.nf, "highest_normal": robot.nf, "external_wrench": 6}
     sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2, "joint_friction": nu}
     sizes |= {f"task_{i}": task.layout.size for i, task in enumerate(tasks)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
@@ -232,7 +245,10 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
     on_joints = bias[base:] + joint_friction_torque(given["joint_friction"], rates)
     equality_rhs, lower, upper = on_base - bias[:base], -effort - on_joints, effort - on_joints
     joints = _joint_bounds(q[robot.joint_q], rates, lowest, highest, fastest, given["horizon"])
-    forces = _force_bounds(given["stance"], given["lowest_normal"], given["highest_normal"])
+    feet = robot.foot_points.of.tolist()
+    lowest_of_feet, highest_of_feet = given["lowest_normal"], given["highest_normal"]
+    soles = not robot.foot_points.single
+    forces = _force_bounds(given["stance"], ca.SX(nc, 1) if soles else lowest_of_feet, highest_of_feet[feet])
     box_lower, box_upper = ca.vertcat(joints[0], forces[0]), ca.vertcat(joints[1], forces[1])
     magnitude = sum(ca.sumsqr(part) for part in (q, v, gradient, equality_rhs, lower))
     outputs = {
@@ -249,6 +265,9 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
         "magnitude": magnitude,
         "axes": ca.densify(axes.T),
     }
+    if soles:
+        stance = given["stance"][robot.foot_points.starts.tolist()]
+        outputs |= {"foot_lower": stance * lowest_of_feet, "foot_upper": highest_of_feet}
     return ca.Function("wbc_qp", list(given.values()), ca.cse(list(outputs.values())), list(given), list(outputs))
 
 

@@ -60,7 +60,8 @@ class WholeBodyController:
         self.settings = settings
         self.terms = WholeBodyTerms(robot)
         self.tasks: Mapping[str, Task] = _by_name(standard_tasks(robot, settings) if tasks is None else tasks)
-        rows = robot.nu + settings.friction_facets * robot.nc
+        scaled = settings.scaled(robot)
+        rows = WholeBodyQp.rows(robot, scaled)
         self.solver = WholeBodySolver(
             robot.nv + 3 * robot.nc,
             robot.nv - robot.nu,
@@ -69,7 +70,6 @@ class WholeBodyController:
             settings.max_iterations,
             settings.solver,
         )
-        scaled = settings.scaled(robot)
         self.qp = WholeBodyQp(robot, scaled, list(self.tasks.values()), self.solver, self.terms)
         self._stepping = False
         self._weights = {

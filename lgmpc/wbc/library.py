@@ -275,7 +275,7 @@ class SwingTask(_FeetTask):
 
     def __init__(self, robot: Robot, gain: Gain, weight: float | Sequence[float]) -> None:
         super().__init__(robot, gain, weight)
-        self._normals = tuple(tuple(normal) for normal in leg_normals(robot).tolist())
+        self._normals = tuple(map(tuple, leg_normals(robot)[robot.foot_points.of].tolist()))
 
     def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
         """Return position, velocity and acceleration of every foot."""

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from lgmpc.robot import Robot
+from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
 from lgmpc.settings import Count, Extension, NonNegative, RangeFromZero, Settings, Vector3
 
@@ -101,8 +102,9 @@ class WholeBodySettings(Settings):
     friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = Field(
         default=0.6, description="Friction coefficient assumed by the controller."
     )
-    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] = Field(
-        default=12, description="Sides of the pyramid inscribed in the friction cone, 3 to 32."
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = Field(
+        default=None,
+        description="Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4.",
     )
     normal_force_n: RangeFromZero | None = Field(
         default=None,
@@ -146,6 +148,7 @@ class WholeBodySettings(Settings):
                 "weights.force": factor * weights.force,
                 "stepping_weights.angular_momentum": factor * stepping.angular_momentum,
                 "stepping_weights.base_orientation": turning_factor(robot.mass) * stepping.base_orientation,
+                "friction_facets": chosen_facets(self.friction_facets, not robot.foot_points.single),
                 "normal_force_n": normal_force_range(self.normal_force_n, _NORMAL_FORCE, robot.mass),
             }
         )

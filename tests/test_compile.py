@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import logging
 import os
-import re
 import shutil
 import stat
 import subprocess
@@ -99,39 +98,6 @@ def test_machine_code_agrees_with_the_interpreter(make, monkeypatch: pytest.Monk
         for a, b in zip(fast(*arguments), slow(*arguments), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-14, atol=1e-14)
             assert a.shape == b.shape
-
-
-def long_function() -> casadi.Function:
-    """More operations than a part has, with conditions; a second argument and a second result."""
-    x, y = casadi.SX.sym("x", 3), casadi.SX.sym("y", 2)
-    z, early = x, casadi.vertcat(x[1] + y[0], y[1])
-    for k in range(160):
-        z = casadi.vertcat(z[1] * 0.9 - z[2], z[2] + x[0] / (k + 1.5), casadi.if_else(z[0] > x[1], z[1], 0.3 * z[0]))
-    return casadi.Function("chain", [x, y], [z, casadi.vertcat(early, z[0])], ["x", "y"], ["z", "e"])
-
-
-def long_function_without_some() -> casadi.Function:
-    """Calls one with and without its second argument, and with its first or its second result only."""
-    x, long = casadi.MX.sym("x", 3), long_function()
-    first, second = long(x, casadi.MX(2, 1))[0], long(x, x[:2])[1]
-    return casadi.Function("wrapped", [x], [first, second], ["x"], ["z", "e"])
-
-
-@needs_compiler
-@pytest.mark.parametrize("make", [long_function, long_function_without_some])
-def test_long_bodies_are_cut_into_parts_with_the_same_bits(make, monkeypatch: pytest.MonkeyPatch) -> None:
-    function = make()
-    parts = re.findall(r"^LGMPC_PART void (\w+)\(.*?^}$", generate_source(function), re.MULTILINE | re.DOTALL)
-    assert len(parts) >= 3
-    fast = compile_function(function)
-    monkeypatch.setenv("LGMPC_JIT", "0")
-    slow = compile_function(function)
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        arguments = [rng.normal(size=buffer.shape) for buffer in fast.inputs]
-        arguments[0][0] = rng.choice([arguments[0][0], np.nan], p=[0.9, 0.1])
-        for a, b in zip(fast(*arguments), slow(*arguments), strict=True):
-            np.testing.assert_array_equal(a, b)
 
 
 def test_values_are_those_of_the_casadi_function(way: str) -> None:

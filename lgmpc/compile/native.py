@@ -9,23 +9,18 @@ import re
 import time
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import casadi
 import numpy as np
 
-from lgmpc.compile.bodies import BODIES_IDENTITY, write_in_parts
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler, compiler_for_functions
-from lgmpc.compile.simd import SCALAR_TRIGONOMETRY, SIMD_IDENTITY, generate_simd
+from lgmpc.compile.simd import LOOP, SCALAR_TRIGONOMETRY, SIMD_IDENTITY, generate_simd, is_scalar_code
 from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
 __all__ = [
-    "SIMD",
-    "ONE_BY_ONE",
-    "CodeWriter",
     "Progress",
     "aligned_zeros",
     "bind_library",
@@ -39,27 +34,7 @@ Progress = Callable[[str], None]
 
 _log = logging.getLogger("lgmpc.compile")
 _ALIGNMENT = 8  # doubles: the widest vectors hold so many
-_CODEGEN_VERSION = "3"  # part of every cache key: increase it when the code around CasADi's changes
-
-# Passing one pointer from Python costs half as much as CasADi's five arguments. The loop over stages is here because
-# casadi.Function.map copies every output twice and every shared input once per stage.
-_ENTRY = """
-CASADI_SYMBOL_EXPORT int lgmpc_evaluate(void** frame) {{
-  double** base = (double**) frame[0];
-  const long long int* plan = (const long long int*) frame[1];
-  const double** arg = (const double**) frame[2];
-  double** res = (double**) frame[3];
-  long long int k;
-  int i, status;
-  for (k = 0; k < plan[0]; ++k) {{
-    for (i = 0; i < {n_in}; ++i) arg[i] = base[i] + k * plan[2 + i];
-    for (i = 0; i < {n_out}; ++i) res[i] = base[{n_in} + i] + k * plan[2 + {n_in} + i];
-    status = {name}(arg, res, (long long int*) frame[4], (double*) frame[5], (int) plan[1]);
-    if (status) return status;
-  }}
-  return 0;
-}}
-"""
+_CODEGEN_VERSION = "4"  # part of every cache key: increase it when the code around CasADi's changes
 
 # CasADi's runtime (dense products, factorisations) consists of loops, 2.7 times faster at -O2 than at the -O1 of the
 # long straight-line bodies after it. The pragma is GCC's; clang's -O1 is as fast without one.
@@ -85,7 +60,9 @@ def generate_source(function: casadi.Function) -> str:
     if runtime is not None:
         start, end = runtime.span(1)
         code = f"{code[:start]}{_FAST}{code[start:end]}#pragma GCC pop_options\n{code[end:]}"
-    return write_in_parts(code) + _ENTRY.format(name=function.name(), n_in=function.n_in(), n_out=function.n_out())
+    arguments = "arg, res, (long long int*) frame[4], (double*) frame[5], (int) plan[1]"
+    call = f"if ({function.name()}({arguments})) return 1"
+    return code + LOOP.format(n_in=function.n_in(), n_out=function.n_out(), call=call)
 
 
 def _casadi_code(name: str, *functions: casadi.Function) -> str:
@@ -98,29 +75,6 @@ def _casadi_code(name: str, *functions: casadi.Function) -> str:
         raise CompileError(name, "CasADi code generation", str(error)) from error
 
 
-@dataclass(frozen=True)
-class CodeWriter:
-    """A way to write a function of one stage in C, with an entry that loops over stages.
-
-    Attributes:
-        identity: all that, besides the function, decides the C code.
-        write: returns C files.
-    """
-
-    identity: tuple[str, ...]
-    write: Callable[[casadi.Function], tuple[str, ...]]
-
-
-def _one_file(function: casadi.Function) -> tuple[str, ...]:
-    return (generate_source(function),)
-
-
-# Stages one after the other, which may read what those before them wrote.
-ONE_BY_ONE = CodeWriter((_ENTRY, _FAST, SCALAR_TRIGONOMETRY, *BODIES_IDENTITY), _one_file)
-# Several at a time: functions that are a list of scalar operations.
-SIMD = CodeWriter(SIMD_IDENTITY, generate_simd)
-
-
 def _identity(function: casadi.Function) -> str:
     """Return a text that identifies the function, generated in a third of the time of its C code."""
     try:
@@ -130,9 +84,15 @@ def _identity(function: casadi.Function) -> str:
 
 
 def load_library(
-    function: casadi.Function, compiler: Compiler, progress: Progress | None, writer: CodeWriter = ONE_BY_ONE
+    function: casadi.Function, compiler: Compiler, progress: Progress | None, lanes: bool = False
 ) -> ctypes.CDLL:
     """Load the function's library from the cache, built first if it is missing, damaged or cannot be loaded.
+
+    Args:
+        function: of one stage, dense.
+        compiler: of a missing library.
+        progress: called with a description of what is being compiled.
+        lanes: whether it evaluates several stages at a time; else one after the other.
 
     Raises:
         CompileError: the function has no C code, or the compiler failed on it, or the result cannot be loaded.
@@ -146,9 +106,8 @@ def load_library(
 
     name = function.name()
     folder = cache_folder()
-    key = request_key(
-        _CODEGEN_VERSION, casadi.CasadiMeta.version(), compiler.identity, *writer.identity, _identity(function)
-    )
+    code = (_CODEGEN_VERSION, casadi.CasadiMeta.version(), _FAST, SCALAR_TRIGONOMETRY, *SIMD_IDENTITY, str(lanes))
+    key = request_key(compiler.identity, *code, _identity(function))
     entry = find_entry(folder, name, key)
     if entry is not None:
         try:
@@ -157,7 +116,8 @@ def load_library(
             _log.warning("cache entry %s does not load (%s): it is built again", entry.name, error)
             discard(entry)
 
-    start, sources = time.perf_counter(), writer.write(function)
+    start, in_lanes = time.perf_counter(), lanes or is_scalar_code(function)
+    sources = generate_simd(function, lanes) if in_lanes else (generate_source(function),)
     size = sum(len(source) for source in sources)
     report(f"compiling '{name}' ({size / 1e6:.1f} MB of C) with {compiler.name}; once, later runs load it")
 

@@ -19,7 +19,7 @@ import casadi
 import numpy as np
 
 from lgmpc.compile.compiler import Compiler, thread_count
-from lgmpc.compile.native import SIMD, Progress, aligned_zeros, compile_source, load_library
+from lgmpc.compile.native import Progress, aligned_zeros, compile_source, load_library
 from lgmpc.compile.simd import SQUARES
 from lgmpc.errors import CompileError
 from lgmpc.typing import Array
@@ -157,7 +157,7 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | N
     known: dict[int, ctypes.CDLL] = {}
     for step in pipeline.steps:
         if id(step.function) not in known:
-            known[id(step.function)] = load_library(step.function, compiler, progress, SIMD)
+            known[id(step.function)] = load_library(step.function, compiler, progress, lanes=True)
     return [driver, *(known[id(step.function)] for step in pipeline.steps)]
 
 

@@ -18,11 +18,12 @@ from typing import NamedTuple
 
 import casadi
 
-from lgmpc.compile.bodies import STATEMENTS
 from lgmpc.errors import CompileError
 
 __all__ = ["SIMD_IDENTITY", "SCALAR_TRIGONOMETRY", "SQUARES", "generate_simd", "is_scalar_code"]
 
+STATEMENTS = 500
+"""Most statements of a function: 200 take longer to run, 1000 to compile."""
 _PARTS = 20  # of one file
 
 _UNARY = (
@@ -98,7 +99,12 @@ static inline V select(V c, V a) {{ return (V) ((M) a & (M) (c != all(0.0))); }}
 {_ONE_LANE}\
 static inline V all(double x) {{ return x; }}
 static inline V truth(M m) {{ return m; }}
-static inline V select(V c, V a) {{ return c != 0.0 ? a : 0.0; }}
+static inline V select(V c, V a) {{
+  union {{ V number; long long bits; }} masked;
+  masked.number = a;
+  masked.bits &= -(long long) (c != 0.0);
+  return masked.number;
+}}
 #endif
 
 """
@@ -126,8 +132,9 @@ _HEAD = (
     _VECTORS
     + """\
 static inline double sign(double x) { return x < 0 ? -1 : x > 0 ? 1 : x; }
-#define EACH(f) static V each_##f(V a) { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i)); return v; }
-#define EACH2(f) static V each_##f(V a, V b) \\
+#define EACH(f) static inline V each_##f(V a) \\
+  { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i)); return v; }
+#define EACH2(f) static inline V each_##f(V a, V b) \\
   { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i), LANE(b, i)); return v; }
 """
 )
@@ -153,8 +160,46 @@ EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
 }}
 """
 
-_VERSION = "6"  # part of every cache key: increase it when the functions below change
-SIMD_IDENTITY = (_VERSION, _HEAD, _ENTRY, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
+# One pointer from Python costs half as much as CasADi's five arguments. The loop over stages is here because
+# casadi.Function.map copies every output twice and every shared input once per stage.
+LOOP = """
+#ifdef __GNUC__
+__attribute__((visibility("default")))
+#endif
+int lgmpc_evaluate(void** frame) {{
+  double** base = (double**) frame[0];
+  const long long int* plan = (const long long int*) frame[1];
+  const double** arg = (const double**) frame[2];
+  double** res = (double**) frame[3];
+  long long int k;
+  int i;
+  for (k = 0; k < plan[0]; ++k) {{
+    for (i = 0; i < {n_in}; ++i) arg[i] = base[i] + k * plan[2 + i];
+    for (i = 0; i < {n_out}; ++i) res[i] = base[{n_in} + i] + k * plan[2 + {n_in} + i];
+    {call};
+  }}
+  return 0;
+}}
+"""
+"""Entry that evaluates one stage after the other; they may read what those before them wrote."""
+
+# What CasADi's own C says of its memory.
+_MEMORY = """
+EXPORT int {name}_work(long long* n_arg, long long* n_res, long long* n_iw, long long* n_w) {{
+  *n_arg = {n_in};
+  *n_res = {n_out};
+  *n_iw = 0;
+  *n_w = {n_w};
+  return 0;
+}}
+EXPORT int {name}_checkout(void) {{ return 0; }}
+EXPORT void {name}_release(int memory) {{ (void) memory; }}
+"""
+
+_ONE = "#undef LANES\n#define LANES 1\n"
+
+_VERSION = "7"  # part of every cache key: increase it when the functions below change
+SIMD_IDENTITY = (_VERSION, _HEAD, _ENTRY, LOOP, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
 
 
 class _Statement(NamedTuple):
@@ -174,34 +219,42 @@ def is_scalar_code(function: casadi.Function) -> bool:
     return all(function.instruction_id(k) in known for k in range(function.n_instructions()))
 
 
-def generate_simd(function: casadi.Function) -> tuple[str, ...]:
+def generate_simd(function: casadi.Function, lanes: bool = True) -> tuple[str, ...]:
     """Return the C files of a dense function, which :mod:`lgmpc.compile.pipeline` calls.
 
     The entry is ``<name>_lanes(arguments, results, work)``, of pointers to vectors; ``<name>_lanes_work`` returns how
     many vectors of work memory it takes.
+
+    Args:
+        function: of one stage.
+        lanes: False for vectors of one number and an entry that calls it for one stage after the other.
 
     Raises:
         CompileError: the function is not a list of scalar operations (see :func:`is_scalar_code`).
     """
     if not is_scalar_code(function):
         raise CompileError(function.name(), "SIMD code", "it is not a list of scalar operations")
-    name = function.name()
-    parts, shared = _write_parts(name, _read(function))
+    name, head = function.name(), _HEAD if lanes else _ONE + _HEAD
+    parts, shared = _write_parts(name, _read(function, zeros=not lanes))
     entry = _ENTRY.format(
         name=name, n_w=shared,
         declarations="".join(f"void {name}_part{i}(const V* const*, V* const*, V*);\n" for i in range(len(parts))),
         calls="".join(f"  {name}_part{i}(x, r, w);\n" for i in range(len(parts))),
     )  # fmt: skip
+    if not lanes:
+        entry += _MEMORY.format(name=name, n_in=function.n_in(), n_out=function.n_out(), n_w=shared)
+        call = f"{name}_lanes(arg, res, (double*) frame[5])"
+        entry += LOOP.format(n_in=function.n_in(), n_out=function.n_out(), call=call)
     bodies = ["".join(parts[i : i + _PARTS]) for i in range(0, len(parts), _PARTS)]
     if len(bodies) == 1:  # a second file would take longer to start the compiler on than to compile
-        return (_HEAD + entry + bodies[0],)
-    return tuple(_HEAD + body for body in (entry, *bodies))
+        return (head + entry + bodies[0],)
+    return tuple(head + body for body in (entry, *bodies))
 
 
-def _read(function: casadi.Function) -> list[_Statement]:
+def _read(function: casadi.Function, zeros: bool) -> list[_Statement]:
     """Return the function's operations, none twice.
 
-    Inputs and constants are written where they are read. Results that are always zero are left out.
+    Inputs and constants are written where they are read. Results that are always zero are written if ``zeros``.
     """
     values: dict[int, str] = {}  # what the places of CasADi's work vector hold
     found: dict[str, _Statement] = {}
@@ -213,7 +266,7 @@ def _read(function: casadi.Function) -> list[_Statement]:
             value, result = values[into[0]], f"r{out[0]}[{out[1]}]"
             if value in found:
                 found[value].results.append(result)
-            elif value != _ZERO:
+            elif zeros or value != _ZERO:
                 copies.append(_Statement(f"v{k}", "{0}", (value,), [result]))
         elif operation == casadi.OP_CONST:
             values[out[0]] = _constant(function.instruction_constant(k))

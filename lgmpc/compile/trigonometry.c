@@ -2,7 +2,7 @@
    reduced arguments: within three units in the last place. Lanes and single numbers (V is a double) have the same bits.
    Numbers beyond the reduction's range, infinite ones and NaN are left to the C library.
 
-   The vectors' type V and the macros LANES, M, LANE, ALL, NOT and CHOOSE come before (see lgmpc.compile.lanes). */
+   The vectors' type V and the macros LANES, M, LANE, ALL, NOT and CHOOSE come before (see lgmpc.compile.simd). */
 
 #define ABSOLUTE(x) CHOOSE((x) < ALL(0.0), -(x), (x))
 /* To the nearest integer: of numbers that large, the last place is one. */

@@ -34,7 +34,7 @@ from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CoMPosition, Control, FrictionCone, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import BoxFddp, Fddp, LineSearchSqp
-from lgmpc.solvers.qp import PiqpSettings, PiqpSolver
+from lgmpc.solvers.qp import PiqpSolver
 
 PUSH = 4.0  # times the stance's: enough for a sixth of all rows to be at their limits
 Calls = dict[str, Callable[[], object]]
@@ -161,8 +161,7 @@ def time_constrained(nodes: int, rounds: int) -> list[Figure]:
     guess = Trajectory(np.tile(problem.x0, (nodes + 1, 1)), stance.guess().us)
     figures = []
     print(f"\nstance with hard friction cones and torque limits, N = {nodes}: SQP; median (least), ms")
-    accurate = PiqpSettings("sparse_multistage", tolerance=1e-11, max_iterations=200)
-    for solver, make in (("active_set", None), ("piqp", lambda qp: PiqpSolver(qp, accurate))):
+    for solver, make in (("active_set", None), ("piqp", lambda qp: PiqpSolver(qp, 1e-11, 200))):
         sqp = LineSearchSqp(problem, qp_solver=make, progress=print)
         all_times = []
         for _ in range(rounds):

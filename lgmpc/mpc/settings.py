@@ -17,7 +17,9 @@ _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
 
 
-_FORMER_SOLVERS = {"riccati": "active_set", "structured": "active_set_dense"}
+_FORMER_SOLVERS = {
+    "riccati": "active_set", "structured": "active_set", "active_set_dense": "active_set", "piqp_multistage": "piqp"
+}  # fmt: skip
 """Names in older configs and run folders."""
 
 
@@ -82,10 +84,10 @@ class MpcSettings(Settings):
     stale_after: Count = Field(
         default=5, description="Number of consecutive failed updates after which the plan is no longer used."
     )
-    qp_solver: Literal["active_set", "active_set_dense", "osqp", "piqp", "piqp_multistage", "proxqp"] = Field(
+    qp_solver: Literal["active_set", "osqp", "piqp", "proxqp"] = Field(
         default="active_set",
         description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
-        " small stages and in dense blocks for large ones; active_set_dense: always in dense blocks.",
+        " small stages and in dense blocks for large ones.",
     )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."

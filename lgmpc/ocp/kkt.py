@@ -68,37 +68,39 @@ class KktConditions:
     Args:
         qp: the problem.
         progress: called with a description of what is being compiled.
-
-    Attributes:
-        dxs: (N+1, ndx) states of the point, to be written.
-        dus: (N, nu) its controls.
-        costates: (N, ndx) lambda_1 .. lambda_N.
-        multipliers: (N, ng).
     """
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
         s = qp.structure
         n = s.nodes
-        self._costates = np.zeros((n + 1, s.ndx))  # lambda_0, which does not exist, first
-        self.dxs: Array = np.zeros((n + 1, s.ndx))
-        self.dus: Array = np.zeros((n, s.nu))
-        self.costates: Array = self._costates[1:]
-        self.multipliers: Array = np.zeros((n, s.ng))
+        costates = np.zeros((n + 1, s.ndx))  # lambda_0, which does not exist, first
+        dxs, dus, multipliers = np.zeros((n + 1, s.ndx)), np.zeros((n, s.nu)), np.zeros((n, s.ng))
+        self._point = dxs, dus, costates[1:], multipliers
         self._measures = np.zeros((n + 1, 6))
         stage, last = cached(_compile, replace(s, nodes=1), progress=progress)  # the same for all horizons
         self._calls = (
             stage.bind(
-                n, values=qp.values, dx=self.dxs, dx_next=self.dxs[1:], du=self.dus, costate=self._costates,
-                costate_next=self.costates, multipliers=self.multipliers, measures=self._measures,
+                n, values=qp.values, dx=dxs, dx_next=dxs[1:], du=dus, costate=costates, costate_next=costates[1:],
+                multipliers=multipliers, measures=self._measures,
             ),
             last.bind(
-                1, terminal_values=qp.terminal_values, dx=self.dxs[n], costate=self._costates[n],
-                measures=self._measures[n:],
+                1, terminal_values=qp.terminal_values, dx=dxs[n], costate=costates[n], measures=self._measures[n:]
             ),
         )  # fmt: skip
 
-    def residual(self) -> KktResidual:
-        """Return the residual at the point; all NaN if that is not finite."""
+    def residual(
+        self, dxs: Array | float, dus: Array | float, costates: Array | float, multipliers: Array | float
+    ) -> KktResidual:
+        """Return the residual at a point; all NaN if that is not finite.
+
+        Args:
+            dxs: (N+1, ndx) states, or one number for all entries.
+            dus: (N, nu) controls.
+            costates: (N, ndx) lambda_1 .. lambda_N.
+            multipliers: (N, ng).
+        """
+        for mine, given in zip(self._point, (dxs, dus, costates, multipliers), strict=True):
+            mine[...] = given
         for call in self._calls:
             call()
         self._measures[0, 0] = 0.0  # the first state is given

@@ -37,13 +37,7 @@ from lgmpc.settings import Count
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.curvature import Hessians, is_minimum, solve_curved
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
-from lgmpc.solvers.qp import (
-    ActiveSetSettings,
-    ActiveSetSolver,
-    DenseRiccati,
-    QpSolver,
-    make_qp_solver,
-)
+from lgmpc.solvers.qp import ActiveSetSolver, DenseRiccati, QpSolver, make_qp_solver
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.solvers.sweep import all_finite
 from lgmpc.status import Status
@@ -124,8 +118,8 @@ class LineSearchSqp(IterativeSolver):
         if qp_solver is not None:
             self.qp_solver = make_qp_solver(qp_solver, qp, progress)
         else:
-            own = ActiveSetSettings(1e-2 * self.settings.tolerance)
-            self.qp_solver = ActiveSetSolver(qp, own, riccati=DenseRiccati(qp, progress), progress=progress)
+            riccati = DenseRiccati(qp, progress)
+            self.qp_solver = ActiveSetSolver(qp, 1e-2 * self.settings.tolerance, riccati=riccati, progress=progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -344,7 +338,8 @@ class LineSearchSqp(IterativeSolver):
             upper[...] = whole[2] - kept * np.minimum(whole[2], 0.0)
             self.qp_solver.prepare()
             status = self.qp_solver.solve(np.zeros(qp.structure.ndx))
-            if status is not Status.INFEASIBLE:
+            unsolved = status is Status.FAILED and not self._exact  # whether it is infeasible is not known
+            if status is not Status.INFEASIBLE and not unsolved:
                 break
         gaps[...], lower[...], upper[...] = whole  # a failed subproblem is not followed by another expansion
         self._clock[1] += time.perf_counter() - start

@@ -164,12 +164,9 @@ class RealTimeSqp:
 
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Return the residual of the subproblem at its solution, or of the nonlinear problem around it."""
-        kkt, point = self._kkt, self.qp_solver.solution
-        kkt.dxs[...] = point.dxs if at_step else 0.0
-        kkt.dus[...] = point.dus if at_step else 0.0
-        kkt.costates[...] = point.costates
-        kkt.multipliers[...] = point.multipliers
-        return kkt.residual()
+        point = self.qp_solver.solution
+        step = (point.dxs, point.dus) if at_step else (0.0, 0.0)
+        return self._kkt.residual(*step, point.costates, point.multipliers)
 
     def _result(
         self, status: Status, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float

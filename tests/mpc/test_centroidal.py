@@ -81,7 +81,9 @@ def test_standing_still_needs_the_weight_shared_evenly() -> None:
     assert plan.end == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize(("former", "name"), [("riccati", "active_set"), ("structured", "active_set_dense")])
+@pytest.mark.parametrize(
+    ("former", "name"), [("riccati", "active_set"), ("active_set_dense", "active_set"), ("piqp_multistage", "piqp")]
+)
 def test_former_names_of_solvers_stay_valid(former: str, name: str) -> None:
     assert CentroidalMpcSettings.model_validate({"qp_solver": former}).qp_solver == name
 

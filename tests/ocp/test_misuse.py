@@ -217,8 +217,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         dict(a=PrintProgress(lambda s: None)),
     ),
     "make_qp_solver": (make_qp_solver, dict(solver="piqp", qp=subproblem(), progress=None)),
-    "ActiveSetSettings": (ActiveSetSettings, dict(tolerance=1e-6, max_sweeps=3, max_iterations=3)),
-    "PiqpSettings": (PiqpSettings, dict(kkt_solver="sparse_ldlt", tolerance=1e-6, max_iterations=5)),
     "FddpSettings": (FddpSettings, dict(tolerance=1e-6, max_iterations=3, step_lengths=(1.0, 0.5), hessian="exact")),
 }
 WRONG = {

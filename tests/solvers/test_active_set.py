@@ -8,17 +8,13 @@ from bench_optimiser import constrained
 from paired_problems import Stance
 
 from lgmpc.errors import InputError
-from lgmpc.ocp import Block, KktConditions, OcpQp, OcpQpStructure, SubproblemFunctions, Trajectory
+from lgmpc.ocp import Block, OcpQp, OcpQpStructure, Trajectory
 from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
     LARGE_STAGE,
-    ActiveSetSettings,
     ActiveSetSolver,
-    Cascade,
     DenseRiccati,
-    OsqpSettings,
     OsqpSolver,
-    PiqpSettings,
     PiqpSolver,
     QpSolution,
     QpSolver,
@@ -90,42 +86,6 @@ def random_problem(rng: np.random.Generator, tightness: float, equalities: int =
     return qp
 
 
-def test_a_solution_measures_itself_as_the_compiled_conditions_do() -> None:
-    """At a random point within random bounds, at which no condition but the bounds holds."""
-    rng = np.random.default_rng(8)
-    qp = random_problem(rng, 1.0)
-    point = QpSolution.zeros(qp)
-    point.write(*(rng.standard_normal(array.shape) for array in point.arrays))
-    rows = qp.dense("C") @ point.dxs[:-1, :, None] + qp.dense("D") @ point.dus[:, :, None]
-    qp.vector("lower")[...] = rows[..., 0] - rng.uniform(0.1, 2.0, (NODES, NG))
-    qp.vector("upper")[...] = rows[..., 0] + rng.uniform(0.1, 2.0, (NODES, NG))
-    qp.vector("upper")[0, :2] = np.inf
-
-    conditions = KktConditions(qp)
-    read = (conditions.dxs, conditions.dus, conditions.costates, conditions.multipliers)
-
-    def compiled() -> np.ndarray:
-        for mine, given in zip(read, point.arrays, strict=True):
-            mine[...] = given
-        return np.array(list(vars(conditions.residual()).values()))
-
-    assert compiled()[[0, 1, 3]].min() > 1.0 and compiled()[2] == 0.0
-    np.testing.assert_allclose(list(vars(point.residual()).values()), compiled(), rtol=1e-12)
-    assert not point.stationarity()[0, :NX].any() and not point.stationarity()[-1, NX:].any()
-    # Each measure names the node: one at which no other condition fails.
-    worst = point.complementarity().argmax()
-    point.multipliers[np.arange(NODES) != worst] = 0.0
-    assert np.flatnonzero(point.complementarity()).tolist() == [worst]
-    assert point.complementarity()[worst] == pytest.approx(compiled()[3], rel=1e-12)
-    point.dxs[1:] += point.defects() * (np.arange(NODES) == NODES - 1)[:, None]  # the last state moves no other gap
-    np.testing.assert_allclose(point.defects()[-1], 0.0, atol=1e-12)
-    qp.vector("upper")[4, 3] = rows[4, 3, 0] - 0.5
-    assert np.flatnonzero(point.constraint_violation()).tolist() == [4]
-    assert point.constraint_violation()[4] == pytest.approx(0.5, rel=1e-12) == compiled()[2]
-    qp.vector("lower")[5, 1] = rows[5, 1, 0] + 0.7
-    np.testing.assert_allclose(point.constraint_violation()[4:6], [0.5, 0.7], rtol=1e-12)
-
-
 @pytest.fixture(params=[DenseRiccati, SparseRiccati], ids=["dense", "sparse"])
 def kind(request: pytest.FixtureRequest) -> Kind:
     return request.param
@@ -142,18 +102,18 @@ def test_random_problems_have_the_solution_of_piqp_and_osqp(kind: Kind, tightnes
     tolerance = 1e-9 if kind is DenseRiccati else 1e-7  # which corrects rounding
     for seed in range(6):
         qp = random_problem(np.random.default_rng(seed), tightness, equalities)
-        solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=tolerance), riccati=kind(qp))
+        solver = ActiveSetSolver(qp, tolerance, riccati=kind(qp))
         mine = solved(solver, qp.x0)
         assert not solver.took_over or (kind is SparseRiccati and equalities)  # a smaller penalty: too many rounds
         assert mine.residual().largest < 2 * tolerance
         if tightness > 1.0:
             assert (np.abs(mine.multipliers) > 1e-6).sum() >= 5
-        other = solved(PiqpSolver(qp, PiqpSettings(tolerance=1e-11)), qp.x0)
+        other = solved(PiqpSolver(qp, 1e-11), qp.x0)
         close = max(1e-6, 1e2 * tolerance)  # a gradient over the least curvature, 0.1, along the dynamics
         np.testing.assert_allclose(mine.dus, other.dus, atol=close)
         np.testing.assert_allclose(mine.dxs, other.dxs, atol=close)
         if not equalities and tightness < 3.0:  # else OSQP does not get that far
-            split = solved(OsqpSolver(qp, OsqpSettings(tolerance=1e-7, max_iterations=20000)), qp.x0)
+            split = solved(OsqpSolver(qp, 1e-7, 20000), qp.x0)
             np.testing.assert_allclose(mine.dus, split.dus, atol=1e-4)
         again = solved(solver, qp.x0)
         assert solver.iterations == 1  # the multipliers identify the active rows
@@ -195,8 +155,7 @@ def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: Kind, fault
     solver.prepare()
     status = solver.solve(qp.x0)
     outcome = {"nan": Status.NOT_FINITE, "no control weight": Status.CONVERGED}.get(fault, Status.INFEASIBLE)
-    assert status is outcome and solver.took_over is (status is not Status.INFEASIBLE)
-    assert status is not Status.INFEASIBLE or solver.iterations < 80  # sweeps, of which PIQP's iterations are ten
+    assert status is outcome and solver.took_over is (fault != "bounds")
     if status is not Status.CONVERGED:
         np.testing.assert_array_equal(solver.solution.dus, expected)
     qp.values[...] = values
@@ -212,7 +171,7 @@ def test_only_infeasible_problems_are_called_so(kind: Kind, seed: int) -> None:
     for share in (0.0, 0.05, 0.1, 0.3, 1.0):
         qp.vector("lower")[...] += share * shift
         qp.vector("upper")[...] += share * shift
-        solver, judge = ActiveSetSolver(qp, riccati=kind(qp)), PiqpSolver(qp, PiqpSettings(max_iterations=300))
+        solver, judge = ActiveSetSolver(qp, riccati=kind(qp)), PiqpSolver(qp, max_iterations=300)
         found = []
         for each in (solver, judge):
             each.prepare()
@@ -220,48 +179,16 @@ def test_only_infeasible_problems_are_called_so(kind: Kind, seed: int) -> None:
         assert found[0] is found[1], share
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("push", [50.0, 100.0])
-def test_a_state_that_the_motors_cannot_save_is_infeasible_by_their_limits(push: float) -> None:
-    """A stance pushed beyond its friction cones and torques: proved without the other solver, which agrees."""
-    stance = Stance(20)
-    problem = constrained(stance, push=push)
-    functions = SubproblemFunctions(problem)
-    functions.us[...] = stance.guess().us
-    functions.linearize()
-    solver, judge = ActiveSetSolver(functions.qp), PiqpSolver(functions.qp, PiqpSettings(max_iterations=300))
-    for each in (solver, judge):
-        each.prepare()
-        assert each.solve(np.zeros(problem.state.ndx)) is Status.INFEASIBLE
-    assert not solver.took_over
-
-
-def test_the_next_solver_is_tried_where_one_fails() -> None:
-    qp = random_problem(np.random.default_rng(6), 3.0)
-    hasty, patient = (PiqpSolver(qp, PiqpSettings(max_iterations=most)) for most in (2, 50))
-    one = Cascade([hasty, patient])
-    expected = solved(patient, qp.x0).dus.copy()
-    np.testing.assert_allclose(solved(one, qp.x0).dus, expected, atol=1e-6)
-    assert one.iterations == 2 + patient.iterations
-    hasty.prepare()
-    assert hasty.solve(qp.x0) is not Status.CONVERGED
-    assert Cascade([hasty, hasty]).solve(qp.x0) is not Status.CONVERGED
-    qp.vector("b")[3, 0] = np.nan
-    assert one.solve(qp.x0) is Status.NOT_FINITE
-    for solvers in ([], [patient, PiqpSolver(random_problem(np.random.default_rng(7), 3.0))]):
-        with pytest.raises(InputError, match="of the same problem"):
-            Cascade(solvers)
-
-
 def test_the_active_rows_of_another_solver_are_solved_exactly() -> None:
     """An interior point method leaves multipliers and distances whose products are small, not they themselves."""
     qp = random_problem(np.random.default_rng(0), 10.0)
-    settings = ActiveSetSettings(tolerance=1e-9, max_iterations=0)  # no interior point method of its own
-    rough = PiqpSettings(tolerance=1e-6)
-    solver = ActiveSetSolver(qp, settings, fallback=lambda qp: PiqpSolver(qp, rough))
+    # No interior point method of its own, and a first fallback that does not get anywhere.
+    fallbacks = PiqpSolver(qp, max_iterations=2), PiqpSolver(qp, 1e-6)
+    solver = ActiveSetSolver(qp, 1e-9, max_iterations=0, fallbacks=fallbacks)
     solution = solved(solver, qp.x0)
     assert solver.took_over
-    assert solved(PiqpSolver(qp, rough), qp.x0).residual().largest > 1e-9
+    assert solver.iterations > 2 + fallbacks[1].iterations
+    assert solved(PiqpSolver(qp, 1e-6), qp.x0).residual().largest > 1e-9
     assert solution.residual().largest < 2e-9
 
 
@@ -321,7 +248,7 @@ def test_the_code_depends_on_the_size() -> None:
 def test_gains_are_the_slope_of_the_solution_while_rows_stay_at_their_bounds(kind: Kind) -> None:
     rng = np.random.default_rng(5)
     qp = random_problem(rng, 3.0)
-    solver = ActiveSetSolver(qp, ActiveSetSettings(tolerance=1e-9), riccati=kind(qp))
+    solver = ActiveSetSolver(qp, 1e-9, riccati=kind(qp))
     first = solved(solver, qp.x0)
     us, multipliers = first.dus.copy(), first.multipliers.copy()
     gains, step = solver.feedback(multipliers), 1e-5 * rng.standard_normal(NX)
@@ -337,7 +264,7 @@ def test_gains_are_the_slope_of_the_solution_while_rows_stay_at_their_bounds(kin
 
 def test_invalid_settings_are_refused() -> None:
     with pytest.raises(InputError, match="tolerance"):
-        ActiveSetSettings(tolerance=0.0)
+        ActiveSetSolver(OcpQp(structure()), 0.0)
 
 
 @pytest.mark.slow
@@ -353,8 +280,7 @@ def test_a_pushed_quadruped_with_friction_and_torque_limits_is_solved_as_with_pi
     assert solution.residual().largest <= 1e-6
     assert (np.abs(solution.multipliers) > 1e-6).sum() > 80
     assert max(taken) <= 20 and taken[-3:] == [1, 1, 1]
-    accurate = PiqpSettings("sparse_multistage", tolerance=1e-11, max_iterations=200)
-    other = LineSearchSqp(problem, qp_solver=lambda qp: PiqpSolver(qp, accurate)).solve(guess)
+    other = LineSearchSqp(problem, qp_solver=lambda qp: PiqpSolver(qp, 1e-11, 200)).solve(guess)
     assert other.iterations == solution.iterations
     assert solution.cost == pytest.approx(other.cost, rel=1e-8)
     np.testing.assert_allclose(solution.us, other.us, atol=1e-6)

@@ -11,9 +11,7 @@ from lgmpc.ocp import OcpQp, ShootingProblem, SubproblemFunctions
 from lgmpc.proxqp import proxqp
 from lgmpc.solvers.qp import (
     QP_SOLVERS,
-    ActiveSetSettings,
     ActiveSetSolver,
-    PiqpSettings,
     PiqpSolver,
     SparseRiccati,
     make_qp_solver,
@@ -24,17 +22,13 @@ from lgmpc.status import Status
 # largest error of the controls in the first of them (its control weights are 1e-3: a small gradient is a large error).
 ACCURACY = {
     "active_set": 1e-5,
-    "active_set_dense": 1e-5,
     "piqp": 1e-5,
-    "piqp_multistage": 1e-5,
     "osqp": 1e-3,
     "proxqp": 2e-5,
 }
 FORCE_ACCURACY = {
     "active_set": 1e-5,
-    "active_set_dense": 1e-5,
     "piqp": 1e-5,
-    "piqp_multistage": 1e-5,
     "osqp": 1.0,
     "proxqp": 1e-4,
 }
@@ -239,7 +233,7 @@ def test_right_active_set_takes_one_sweep(moving: OcpQp) -> None:
 @pytest.mark.parametrize("share", [0.05, 0.1, 0.15])
 def test_steps_that_raise_the_augmented_lagrangian_are_shortened(moving: OcpQp, share: float) -> None:
     """The same point as an interior point method's, where full steps alone do not converge."""
-    solver, other = ActiveSetSolver(moving), PiqpSolver(moving, PiqpSettings(tolerance=1e-9))
+    solver, other = ActiveSetSolver(moving), PiqpSolver(moving, 1e-9)
     for each in (solver, other):
         each.prepare()
         assert each.solve(share * HARD) is Status.CONVERGED
@@ -252,11 +246,11 @@ def test_steps_that_raise_the_augmented_lagrangian_are_shortened(moving: OcpQp, 
 def test_another_solver_takes_over_where_the_sweeps_are_used_up(moving: OcpQp) -> None:
     for most in (0, 3):
         other = PiqpSolver(moving)
-        settings = ActiveSetSettings(max_sweeps=most, max_iterations=0)  # no interior point method of its own
-        solver = ActiveSetSolver(moving, settings, fallback=lambda _, other=other: other)
+        # No interior point method of its own.
+        solver = ActiveSetSolver(moving, max_sweeps=most, max_iterations=0, fallbacks=[other])
         solver.prepare()
         assert solver.solve(HARD) is Status.CONVERGED and solver.took_over
-        assert solver.iterations > other.iterations + most  # also those that show that the problem is feasible
+        assert solver.iterations > other.iterations + most
         assert solver.solution.residual().largest < ACCURACY["piqp"]
 
 
@@ -264,17 +258,16 @@ def test_unknown_names_are_named(cart: ShootingProblem) -> None:
     with pytest.raises(InputError, match="Did you mean osqp"):
         make_qp_solver("oqsp", expand(cart))
     with pytest.raises(InputError, match="kkt_solver: got dense"):
-        PiqpSettings(kkt_solver="dense")
+        PiqpSolver(expand(cart), kkt_solver="dense")
 
 
 @pytest.mark.parametrize(
     ("name", "package", "line"),
     [
-        ("osqp", "osqp", "pip install .osqp"),
+        ("osqp", "osqp.ext_builtin", "pip install .osqp"),
         ("piqp", "piqp", "pip install .piqp"),
         ("proxqp", "lgmpc.proxqp", "pip install .proxsuite"),
         ("active_set", "piqp", "pip install .piqp"),
-        ("active_set_dense", "piqp", "pip install .piqp"),
     ],
 )
 def test_missing_backend_names_the_command_that_installs_it(

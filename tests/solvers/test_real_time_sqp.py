@@ -10,14 +10,7 @@ from samples import Unicycle
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, Solution, Status
-from lgmpc.solvers.qp import (
-    ActiveSetSettings,
-    ActiveSetSolver,
-    PiqpSettings,
-    PiqpSolver,
-    ProxqpSettings,
-    ProxqpSolver,
-)
+from lgmpc.solvers.qp import ActiveSetSolver, PiqpSolver, ProxqpSolver
 
 Make = Callable[..., ShootingProblem]
 PUSHES = {
@@ -28,9 +21,9 @@ PUSHES = {
 }
 # Tighter than their standard settings: the forces' weights are small, so that a gradient of 1e-6 is 1e-3 N.
 ACCURATE = {
-    "active_set": lambda qp: ActiveSetSolver(qp, ActiveSetSettings(tolerance=1e-9), fallback=ACCURATE["piqp"]),
-    "piqp": lambda qp: PiqpSolver(qp, PiqpSettings(tolerance=1e-10)),
-    "proxqp": lambda qp: ProxqpSolver(qp, ProxqpSettings(tolerance=1e-9)),
+    "active_set": lambda qp: ActiveSetSolver(qp, 1e-9, fallbacks=[ACCURATE["piqp"](qp)]),
+    "piqp": lambda qp: PiqpSolver(qp, 1e-10),
+    "proxqp": lambda qp: ProxqpSolver(qp, 1e-9),
 }
 
 

@@ -6,27 +6,20 @@ from collections.abc import Callable
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.active_set import LARGE_STAGE, ActiveSetSettings, ActiveSetSolver
+from lgmpc.solvers.qp.active_set import ActiveSetSolver
 from lgmpc.solvers.qp.dense_riccati import DenseRiccati
-from lgmpc.solvers.qp.osqp import OsqpSettings, OsqpSolver
-from lgmpc.solvers.qp.piqp import Cascade, PiqpSettings, PiqpSolver
-from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver
-from lgmpc.solvers.qp.proxqp import ProxqpSettings, ProxqpSolver
+from lgmpc.solvers.qp.general import OsqpSolver, PiqpSolver, ProxqpSolver
+from lgmpc.solvers.qp.protocol import LARGE_STAGE, QpSolution, QpSolver, RiccatiSolver
 from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
 from lgmpc.typing import instance
 
 __all__ = [
     "LARGE_STAGE",
     "QP_SOLVERS",
-    "ActiveSetSettings",
     "ActiveSetSolver",
-    "Cascade",
     "DenseRiccati",
-    "OsqpSettings",
     "OsqpSolver",
-    "PiqpSettings",
     "PiqpSolver",
-    "ProxqpSettings",
     "ProxqpSolver",
     "QpSolution",
     "QpSolver",
@@ -39,9 +32,7 @@ _Progress = Callable[[str], None]
 
 _MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
     "active_set": lambda qp, progress: ActiveSetSolver(qp, progress=progress),
-    "active_set_dense": lambda qp, progress: ActiveSetSolver(qp, riccati=DenseRiccati(qp, progress), progress=progress),
     "piqp": lambda qp, _: PiqpSolver(qp),
-    "piqp_multistage": lambda qp, _: PiqpSolver(qp, PiqpSettings(kkt_solver="sparse_multistage")),
     "osqp": lambda qp, _: OsqpSolver(qp),
     "proxqp": lambda qp, _: ProxqpSolver(qp),
 }

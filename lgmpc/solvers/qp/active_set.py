@@ -26,8 +26,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -37,49 +36,24 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.central_path import CentralPath, exact_line_search, nearest_in
 from lgmpc.solvers.qp.dense_riccati import DenseRiccati
-from lgmpc.solvers.qp.infeasibility import is_infeasible
-from lgmpc.solvers.qp.piqp import Cascade, PiqpSettings, PiqpSolver
-from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver
+from lgmpc.solvers.qp.general import PiqpSolver
+from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver, is_large
 from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
 from lgmpc.solvers.sweep import all_finite, penalised_feedback
 from lgmpc.status import Status
 from lgmpc.typing import Array, numbers
 
-__all__ = ["LARGE_STAGE", "ActiveSetSettings", "ActiveSetSolver", "Penalties", "riccati_for"]
+__all__ = ["ActiveSetSolver", "Penalties", "riccati_for"]
 
-LARGE_STAGE = 30
-"""States and controls of a stage from which dense blocks pay."""
-
-_PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallback
+_PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallbacks
 _FEW = 4  # rows that may change in any sweep of an active set, even if fewer did in the last one
 _HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weights
 _START = 20.0  # penalty of all rows where the central path begins, in control weights
 
 
-@dataclass(frozen=True)
-class ActiveSetSettings:
-    """Tolerance and limits of :class:`ActiveSetSolver`.
-
-    Attributes:
-        tolerance: largest residual of the optimality conditions.
-        max_sweeps: Riccati sweeps that confirm or correct one guess of the active rows.
-        max_iterations: of the interior point method.
-    """
-
-    tolerance: float = 1e-6
-    max_sweeps: int = 25
-    max_iterations: int = 30
-
-    def __post_init__(self) -> None:
-        """Check the tolerance."""
-        if not float(numbers("tolerance", self.tolerance, ())) > 0.0:
-            raise InputError("tolerance", self.tolerance, "above 0")
-
-
 def riccati_for(qp: OcpQp, progress: Callable[[str], None] | None = None) -> RiccatiSolver:
     """Return scalar code for small stages, dense blocks for large ones."""
-    large = qp.structure.ndx + qp.structure.nu > LARGE_STAGE
-    return DenseRiccati(qp, progress) if large else SparseRiccati(qp, progress)
+    return DenseRiccati(qp, progress) if is_large(qp) else SparseRiccati(qp, progress)
 
 
 class ActiveSetSolver:
@@ -89,18 +63,22 @@ class ActiveSetSolver:
 
     Args:
         qp: the problem.
-        settings: tolerance and limits.
-        fallback: makes the solver that takes over; PIQP unless given, in dense blocks first, then with sparse factors.
+        tolerance: largest residual of the optimality conditions.
+        max_sweeps: Riccati sweeps that confirm or correct one guess of the active rows.
+        max_iterations: of the interior point method.
+        fallbacks: solvers of the same problem that take over, tried in this order: interior point methods fail on
+            different problems. PIQP unless given, in dense blocks first, then with sparse factors.
         riccati: of the same problem; :func:`riccati_for` unless given.
         progress: called with a description of what is being compiled.
 
     Attributes:
-        iterations: factorisations of the last solve, and the fallback's iterations if it took over.
-        took_over: whether the fallback did the last solve.
-        may_take_over: whether the fallback is used at all; without it the status of such solves is NUMERICAL.
+        iterations: factorisations of the last solve, and the fallbacks' iterations if they took over.
+        took_over: whether a fallback did the last solve.
+        may_take_over: whether fallbacks are used at all; without them the status of such solves is FAILED.
         available: whether the machine code is available.
 
     Raises:
+        InputError: a tolerance that is not positive.
         MissingDependencyError: PIQP, the standard fallback, is not installed.
     """
 
@@ -109,21 +87,26 @@ class ActiveSetSolver:
     def __init__(
         self,
         qp: OcpQp,
-        settings: ActiveSetSettings | None = None,
-        fallback: Callable[[OcpQp], QpSolver] | None = None,
+        tolerance: float = 1e-6,
+        max_sweeps: int = 25,
+        max_iterations: int = 30,
+        fallbacks: Sequence[QpSolver] | None = None,
         riccati: RiccatiSolver | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> None:
+        if not float(numbers("tolerance", tolerance, ())) > 0.0:
+            raise InputError("tolerance", tolerance, "above 0")
         s = qp.structure
-        self.qp = qp
-        self.settings = ActiveSetSettings() if settings is None else settings
+        self.qp, self.tolerance, self.max_sweeps, self.max_iterations = qp, tolerance, max_sweeps, max_iterations
         self.iterations = 0
         self.took_over = False
         self.may_take_over = True
-        self._fallback = self._piqp(qp) if fallback is None else fallback(qp)
+        # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
+        piqp = (PiqpSolver(qp, 1e-2 * tolerance, most, kind) for kind, most in _PIQP) if fallbacks is None else ()
+        self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)
         self._riccati = r = riccati_for(qp, progress) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
-        self._penalties = Penalties(qp, r, self.solution.multipliers, self.settings.tolerance, progress)
+        self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance, progress)
         self.available = self.takes_indefinite = r.available and self._penalties.available
         self._scale, self._ready = 0.0, False
         block = s.blocks["R"]
@@ -131,9 +114,10 @@ class ActiveSetSolver:
         self._control_weights = np.add.outer(s.size * np.arange(s.nodes), diagonal).ravel()
 
     def reset(self) -> None:
-        """Set the multipliers to zero, and reset the fallback."""
+        """Set the multipliers to zero, and reset the fallbacks."""
         self.solution.write(0.0, 0.0, 0.0, 0.0)
-        self._fallback.reset()
+        for solver in self._fallbacks:
+            solver.reset()
         self.took_over = False
 
     def prepare(self) -> None:
@@ -162,24 +146,24 @@ class ActiveSetSolver:
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
             if finite and bool((lower > upper).any()):
                 return Status.INFEASIBLE
-            if self._ready and finite:
-                if self._interior_point():
-                    return Status.CONVERGED
-                if is_infeasible(self._riccati, self._scale, self._factor):
-                    return Status.INFEASIBLE
+            if self._ready and finite and self._interior_point():
+                return Status.CONVERGED
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
             return Status.FAILED
         return self._solve_otherwise(dx0, finite)
 
     def _solve_otherwise(self, dx0: Array, finite: bool) -> Status:
-        """Call the fallback, and solve exactly with the active rows that it finds."""
+        """Call the fallbacks until one has a solution, and solve exactly with the active rows that it finds."""
         self.took_over = True
-        self._fallback.prepare()
-        status = self._fallback.solve(dx0)
-        self.iterations += self._fallback.iterations
+        for solver in self._fallbacks:
+            solver.prepare()
+            status = solver.solve(dx0)
+            self.iterations += solver.iterations
+            if status in (Status.CONVERGED, Status.NOT_FINITE):
+                break
         if status.usable:
-            self.solution.write(*self._fallback.solution.arrays)
+            self.solution.write(*solver.solution.arrays)
             with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
                 if self._ready and finite and self._polish():
                     return Status.CONVERGED
@@ -188,7 +172,7 @@ class ActiveSetSolver:
     def feedback(self, multipliers: Array) -> Array:
         """Return the gains; see :class:`~lgmpc.solvers.qp.QpSolver`."""
         self.prepare()
-        weights = np.where(np.abs(multipliers) > self.settings.tolerance, _HELD * self._scale, 0.0)
+        weights = np.where(np.abs(multipliers) > self.tolerance, _HELD * self._scale, 0.0)
         gains = None
         if self._ready:
             self._riccati.weights[...], self._riccati.targets[...] = weights, 0.0
@@ -206,19 +190,14 @@ class ActiveSetSolver:
         self._penalties.mu[...] = np.where(active, s.multipliers, 0.0)
         return self._active_set()
 
-    def _piqp(self, qp: OcpQp) -> QpSolver:
-        # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
-        tolerance = 1e-2 * self.settings.tolerance
-        return Cascade([PiqpSolver(qp, PiqpSettings(name, tolerance, most)) for name, most in _PIQP])
-
     def _active_set(self) -> bool:
         """Minimise the augmented Lagrangian from point and multiplier estimates; False if that takes too many sweeps.
 
         Active are rows of the point that are outside their bounds, shifted by the multipliers.
         """
-        r, p, tolerance = self._riccati, self._penalties, self.settings.tolerance
+        r, p, tolerance = self._riccati, self._penalties, self.tolerance
         cost, phi, allowed, searching = 0.0, math.inf, p.point.size / 8, False
-        for _ in range(self.settings.max_sweeps):
+        for _ in range(self.max_sweeps):
             p.penalise()
             if not self._factor():
                 return False
@@ -252,7 +231,7 @@ class ActiveSetSolver:
         if not self._factor():
             return False
         path.start(r.rows)
-        for _ in range(self.settings.max_iterations):
+        for _ in range(self.max_iterations):
             path.predict(r.weights, r.targets)
             if not self._factor():
                 return False
@@ -275,11 +254,11 @@ class ActiveSetSolver:
     def _is_optimal(self) -> bool:
         """Take the Riccati solver's point, and its multipliers, if they satisfy the optimality conditions."""
         self._penalties.measure()
-        return self._penalties.residual <= self.settings.tolerance and self._accept()
+        return self._penalties.residual <= self.tolerance and self._accept()
 
     def _accept(self) -> bool:
         """Take the Riccati solver's point, with rows within their bounds, and its multipliers, if it is stationary."""
-        r, tolerance = self._riccati, self.settings.tolerance
+        r, tolerance = self._riccati, self.tolerance
         corrections = r.polish(tolerance)
         if corrections is None or (corrections and not self._bound_residual() <= tolerance):
             return False

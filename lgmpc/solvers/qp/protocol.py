@@ -7,20 +7,26 @@ from typing import Protocol
 
 import numpy as np
 
-from lgmpc.ocp import KktResidual, OcpQp
-from lgmpc.ocp.kkt import complementarity
-from lgmpc.solvers.sweep import products
+from lgmpc.ocp import KktConditions, KktResidual, OcpQp
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["QpSolution", "QpSolver", "RiccatiSolver"]
+__all__ = ["LARGE_STAGE", "QpSolution", "QpSolver", "RiccatiSolver", "is_large"]
+
+LARGE_STAGE = 30
+"""States and controls of a stage from which dense blocks pay."""
+
+
+def is_large(qp: OcpQp) -> bool:
+    """Return whether dense blocks pay for the stages of a problem."""
+    return qp.structure.ndx + qp.structure.nu > LARGE_STAGE
 
 
 @dataclass(frozen=True)
 class QpSolution:
     """A step in tangent coordinates, as views of the solver's buffers: valid until its next solve.
 
-    Its measures are computed from the problem's current numbers, in numpy and independently of the solver.
+    Its residual is computed from the problem's current numbers, independently of the solver.
 
     Attributes:
         qp: the problem.
@@ -53,52 +59,9 @@ class QpSolution:
         for mine, given in zip(self.arrays, arrays, strict=True):
             mine[...] = given
 
-    def defects(self) -> Array:
-        """Compute the gaps (N, ndx) that the step leaves in the dynamics; the first state is given."""
-        return self._rows("A", "B") + self.qp.vector("b") - self.dxs[1:]
-
-    def constraint_violation(self) -> Array:
-        """Compute the largest violation (N,) of the bounds of each node's path constraint."""
-        rows = self._rows("C", "D")
-        outside = np.maximum(self.qp.vector("lower") - rows, rows - self.qp.vector("upper"))
-        worst: Array = np.max(outside, axis=1, initial=0.0)
-        return worst
-
-    def stationarity(self) -> Array:
-        """Compute the Lagrangian's gradient (N+1, ndx + nu) with respect to each node's state and control.
-
-        The first state is given and the last node has no control: these parts are zero.
-        """
-        qp, ndx = self.qp, self.qp.structure.ndx
-        m = {name: qp.dense(name) for name in "QSRABCD"}
-        t = {name: m[name].swapaxes(1, 2) for name in "SABCD"}
-        dxs, dus, costates, multipliers = self.dxs[:-1], self.dus, self.costates, self.multipliers
-        out = np.zeros((qp.structure.nodes + 1, ndx + qp.structure.nu))
-        out[:-1, :ndx] = qp.vector("q") + products(m["Q"], dxs) + products(t["S"], dus)
-        out[:-1, :ndx] += products(t["A"], costates) + products(t["C"], multipliers)
-        out[:-1, ndx:] = qp.vector("r") + products(m["S"], dxs) + products(m["R"], dus)
-        out[:-1, ndx:] += products(t["B"], costates) + products(t["D"], multipliers)
-        out[-1, :ndx] = qp.dense_terminal("Q") @ self.dxs[-1] + qp.dense_terminal("q")[:, 0]
-        out[1:, :ndx] -= costates
-        out[0, :ndx] = 0.0
-        return out
-
-    def complementarity(self) -> Array:
-        """Compute, for each node (N,), the largest of its rows' smaller of multiplier and distance to its bound."""
-        bounds = self.qp.vector("lower"), self.qp.vector("upper")
-        loose = complementarity(self.multipliers, self._rows("C", "D"), *bounds)
-        worst: Array = np.max(loose, axis=1, initial=0.0)
-        return worst
-
     def residual(self) -> KktResidual:
         """Compute the residual of the optimality conditions."""
-        parts = (self.stationarity(), self.defects(), self.constraint_violation(), self.complementarity())
-        return KktResidual(*(float(np.abs(part).max()) for part in parts))
-
-    def _rows(self, of_states: str, of_controls: str) -> Array:
-        """Return ``A dx + B du``, or ``C dx + D du``, of all intervals."""
-        dense = self.qp.dense
-        return products(dense(of_states), self.dxs[:-1]) + products(dense(of_controls), self.dus)
+        return KktConditions(self.qp).residual(*self.arrays)
 
 
 class QpSolver(Protocol):
@@ -157,7 +120,7 @@ class RiccatiSolver(Protocol):
         qp: the problem.
         available: whether there is machine code; else nothing can be called.
         penalty: largest weight, as a multiple of the median control weight, with which rounding leaves the result as
-            accurate as :class:`~lgmpc.solvers.qp.ActiveSetSettings` require by default.
+            accurate as :class:`~lgmpc.solvers.qp.ActiveSetSolver` requires by default.
         keeps_factors: whether :meth:`solve` takes much less time than :meth:`factor`.
         dx0: (ndx,) first state.
         weights: (N, ng) of the rows' penalties, not negative.

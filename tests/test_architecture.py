@@ -186,7 +186,7 @@ def test_every_module_was_read() -> None:
     names = dict(modules(PACKAGE))
     assert {"", "errors", "compile", "compile.native", "doctor"} <= set(names)
     seen = {name for module, path in names.items() for _, name in imports(module, path, "lgmpc")}
-    assert {"lgmpc.errors.InputError", "lgmpc.compile.function.CompiledFunction", "casadi"} <= seen
+    assert {"lgmpc.errors.InputError", "lgmpc.compile.kernel.StageKernel", "casadi"} <= seen
 
 
 def test_the_table_has_no_cycle() -> None:
@@ -253,7 +253,7 @@ def test_a_forbidden_import_is_found(module: str, line: str, tmp_path: Path) -> 
     [
         ("state/multibody.py", "from lgmpc.lie import so3"),
         ("state/multibody.py", "from .base import State"),
-        ("ocp/problem.py", "from ..compile import compile_function"),
+        ("ocp/problem.py", "from ..compile import StageKernel"),
         ("mpc/plan.py", "from lgmpc import errors, solvers"),
         ("simulation/mujoco.py", "import mujoco"),
         ("config/build.py", "from lgmpc.control import legged"),

@@ -11,7 +11,6 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ import lgmpc
 import lgmpc.compile.content as content
 import lgmpc.compile.index as index
 from lgmpc.actions import CentroidalAction, ContactForwardDynamics
-from lgmpc.compile import BatchKernel, CompiledFunction, StageKernel, cached, compile_function, compile_map
+from lgmpc.compile import BatchKernel, StageKernel, cached
 from lgmpc.costs import CostItem, Parameter, ParameterLayout
 from lgmpc.costs.library import CoMPosition
 from lgmpc.errors import InputError
@@ -89,22 +88,6 @@ def test_what_was_written_once_is_not_written_again(kind: type[StageKernel]) -> 
     assert written == [3.0]
 
 
-def test_cached_kernels_share_no_memory() -> None:
-    def made() -> CompiledFunction:
-        return cached(_compiled, 2.0)
-
-    first, second = made(), made()
-    first.input("x")[:] = 1.0
-    first.run()
-    assert written == [2.0]
-    assert not second.input("x").any()
-    assert not second.output("y").any()
-
-
-def _compiled(factor: float, progress: Callable[[str], None] | None) -> CompiledFunction:
-    return compile_function(scaled(factor), progress=progress)
-
-
 def test_every_difference_of_a_robot_is_another_kernel(robot: Robot) -> None:
     heavy, tall = robot.model.copy(), robot.model.copy()
     heavy.inertias[1] = pin.Inertia(2.0, heavy.inertias[1].lever, heavy.inertias[1].inertia)
@@ -160,18 +143,12 @@ def test_structure_is_in_the_key() -> None:
         sizes = BatchKernel.of(values, CentroidalAction(contacts, facets)).output_sizes
         assert sizes["constraint"] == contacts * (facets + 1)
     assert written == shapes
-    horizons = [cached(_compiled_horizon, 2.0, nodes).input("x").shape for nodes in (3, 4, 3)]
-    assert horizons == [(3, 2), (4, 2), (3, 2)]
 
 
 def values(action: CentroidalAction) -> ca.Function:
     """The values of an action at one point."""
     written.append((action.contacts, action.facets))
     return action.value_function
-
-
-def _compiled_horizon(factor: float, nodes: int, progress: Callable[[str], None] | None) -> CompiledFunction:
-    return compile_map(scaled(factor), nodes, progress=progress)
 
 
 class RiseMotion(SymbolicTask):

@@ -1,13 +1,9 @@
 """CasADi functions as machine code: generated C, compiled once, cached on disk, called without copies.
 
     f = casadi.Function("f", [x, u], [xdot], ["x", "u"], ["xdot"])
-    fast = compile_function(f)
-    fast.input("x")[:] = ...         # write into the preallocated buffers
-    fast.run()                       # no allocation
-    fast.output("xdot")              # valid until the next run
-
-    whole = compile_map(f, 20)       # all stages of a horizon in one call: whole.input("x") is (20, nx)
-    batch = BatchKernel(f).bind(20, x=xs, u=us, xdot=out)  # on one's own arrays, several stages at a time
+    call = StageKernel(f).bind(20, x=xs, u=us, xdot=out)   # all stages of a horizon, on one's own arrays (20, n)
+    call()                                                 # reads and writes them; no allocation
+    call = BatchKernel(f).bind(20, x=xs, u=us, xdot=out)   # the same, several stages at a time
 
 Environment:
 
@@ -23,7 +19,6 @@ Environment:
 
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
-from lgmpc.compile.function import CompiledFunction, compile_function, compile_map
 from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
 from lgmpc.compile.native import aligned_zeros, compile_programme, compile_source
@@ -34,7 +29,6 @@ __all__ = [
     "SQUARES",
     "BatchKernel",
     "CacheReport",
-    "CompiledFunction",
     "Compiler",
     "Entries",
     "Pipeline",
@@ -42,8 +36,6 @@ __all__ = [
     "StageKernel",
     "aligned_zeros",
     "cache_folder",
-    "compile_function",
-    "compile_map",
     "compile_programme",
     "compile_source",
     "densify_function",

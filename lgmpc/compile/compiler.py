@@ -171,7 +171,7 @@ def _warn_once() -> None:
             "without root ziglang (pip install ziglang), or name a compiler in CC; LGMPC_JIT=0 interprets without this "
             "warning",
             RuntimeWarning,
-            stacklevel=5,
+            stacklevel=4,
         )
 
 

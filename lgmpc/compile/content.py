@@ -28,7 +28,7 @@ _IDENTIFIED = frozenset({"lgmpc", "builtins", "casadi", "collections", "functool
 _PLAIN = re.compile(r"(lgmpc|abc|typing|collections\.abc|pydantic)(\.|$)")
 _SEQUENCES: dict[type, str] = {tuple: "tuple", set: "set", frozenset: "frozenset"}
 # Classes whose objects are made by a call, with the arguments that their ``__reduce__`` returns.
-_MADE = ("lgmpc.compile.function:CompiledFunction", "lgmpc.robot.symbolic.model:SymbolicModel")
+_MADE = ("lgmpc.robot.symbolic.model:SymbolicModel",)
 _LENGTH = 8  # bytes, of the tree's size
 
 

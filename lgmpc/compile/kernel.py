@@ -19,16 +19,7 @@ from lgmpc.compile.simd import is_scalar_code
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = [
-    "Argument",
-    "BatchKernel",
-    "Signature",
-    "StageKernel",
-    "check_array",
-    "check_stages",
-    "densify_function",
-    "index_of",
-]
+__all__ = ["Argument", "BatchKernel", "Signature", "StageKernel", "densify_function"]
 
 K = TypeVar("K", bound="StageKernel")
 
@@ -136,12 +127,15 @@ class StageKernel:
         Raises:
             InputError: a name is missing or unknown, or an array does not fit.
         """
-        check_stages(stages)
+        if not isinstance(stages, (int, np.integer)) or stages < 0:
+            raise InputError("stages", f"{stages!r:.80}", "a whole number, at least 0")
         arguments = (*self.signature.inputs, *self.signature.outputs)
         names = tuple(argument.name for argument in arguments)
         for name, array in memory.items():
-            index_of(f"argument of '{self.signature.name}'", name, names)
-            check_array(name, array)
+            if name not in names:
+                raise InputError(f"argument of '{self.signature.name}'", repr(name), "one of its names", names)
+            if not isinstance(array, np.ndarray):
+                raise InputError(name, f"{array!r:.80}", "a float64 array, which the call reads or writes")
         arrays, steps = [], []
         for index, argument in enumerate(arguments):
             if argument.name not in memory:
@@ -268,23 +262,3 @@ def densify_function(function: casadi.Function) -> casadi.Function:
     arguments = [symbol(names[i], *function.size_in(i)) for i in inputs]
     results: list[Any] = function.call([casadi.project(a, function.sparsity_in(i)) for i, a in enumerate(arguments)])
     return casadi.Function(function.name(), arguments, [casadi.densify(r) for r in results], names, function.name_out())
-
-
-def check_stages(stages: object, least: int = 0) -> None:
-    """Raise an InputError unless ``stages`` is a whole number of at least ``least``."""
-    if not isinstance(stages, (int, np.integer)) or stages < least:
-        raise InputError("stages", f"{stages!r:.80}", f"a whole number, at least {least}")
-
-
-def check_array(name: str, array: object) -> None:
-    """Raise an InputError unless the argument is an array."""
-    if not isinstance(array, np.ndarray):
-        raise InputError(name, f"{array!r:.80}", "a float64 array, which the call reads or writes")
-
-
-def index_of(what: str, name: str, names: tuple[str, ...]) -> int:
-    """Return the index of a name among names; an InputError lists them if it is none of them."""
-    try:
-        return names.index(name)
-    except ValueError:
-        raise InputError(what, repr(name), "one of its names", names) from None

@@ -13,7 +13,6 @@ from lgmpc.actions.full_body import (
 )
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
-from lgmpc.actions.kinodynamic import KinodynamicAction, StateMomentum
 from lgmpc.actions.multibody import HoldAction, ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.penalized import PenalizedAction, penalize
 from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
@@ -36,7 +35,6 @@ __all__ = [
     "HoldAction",
     "ImpulseAction",
     "Integrator",
-    "KinodynamicAction",
     "LeastSquares",
     "Limits",
     "Load",
@@ -53,7 +51,6 @@ __all__ = [
     "Stage",
     "StageDerivatives",
     "StageValue",
-    "StateMomentum",
     "Stretched",
     "Unknowns",
     "Variational",

@@ -26,14 +26,12 @@ class StageSymbols:
 
     Args:
         robot: the symbolic algorithms.
-        x: state whose first nq entries are the configuration and, unless ``v`` is given, the others the velocity.
+        x: state whose first nq entries are the configuration, the others the velocity.
         parameters: columns by name.
         u: (nu,) control.
         a: (nv,) acceleration.
         tau: (nu,) efforts of the actuated joints, N.m (N).
         forces: contact forces (3,) or wrenches (6,) by frame name, world axes at the frame's origin, on the robot.
-        momentum: (6,) centroidal momentum, if the state contains it instead of the velocity.
-        v: (nv,) velocity, if the state does not contain it.
     """
 
     def __init__(
@@ -46,22 +44,14 @@ class StageSymbols:
         a: Any = None,
         tau: Any = None,
         forces: Mapping[int | str, Any] | None = None,
-        momentum: Any = None,
-        v: Any = None,
     ) -> None:
         self.robot = robot
         self.x = x
         self.q = x[: robot.nq]
-        self._momentum = momentum
-        self._v = x[robot.nq :] if v is None and momentum is None else v
+        self.v = x[robot.nq :]
         self._parameters = parameters
         self._prefix = ""
         self._u, self._a, self._tau, self._forces = u, a, tau, forces
-
-    @property
-    def v(self) -> Any:
-        """(nv,) velocity."""
-        return self._have("v", self._v)
 
     @property
     def u(self) -> Any:
@@ -111,7 +101,7 @@ class StageSymbols:
     @property
     def momentum(self) -> Any:
         """(6,) centroidal momentum [linear; angular], world axes."""
-        return self.robot.momentum(self.q, self.v) if self._momentum is None else self._momentum
+        return self.robot.momentum(self.q, self.v)
 
     def __getitem__(self, name: str) -> Any:
         """Return a parameter.

@@ -18,7 +18,6 @@ from lgmpc.actions import (
     FreeForwardDynamics,
     HoldAction,
     ImpulseAction,
-    KinodynamicAction,
     MultibodyAction,
 )
 from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
@@ -78,9 +77,6 @@ def action(name: str) -> Action:
     if name == "inverse":
         backward = ContactInverseDynamics(model, contacts)
         return MultibodyAction(name, backward, costs(backward.state), cone)
-    if name == "kinodynamic":
-        state = KinodynamicAction("plain", model, contacts).state
-        return KinodynamicAction(name, model, contacts, costs(state), cone)
     if name == "impact":
         state = ContactForwardDynamics(model, contacts).state
         return ImpulseAction(name, model, contacts, costs(state), cone)
@@ -93,7 +89,7 @@ def action(name: str) -> Action:
 
 
 @pytest.mark.parametrize("turn", TURNS)
-@pytest.mark.parametrize("name", ["forward", "inverse", "kinodynamic", "impact", "free", "hold"])
+@pytest.mark.parametrize("name", ["forward", "inverse", "impact", "free", "hold"])
 def test_derivatives(name: str, turn: str) -> None:
     subject = action(name)
     rng = np.random.default_rng(len(turn))

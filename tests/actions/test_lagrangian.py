@@ -15,7 +15,6 @@ from lgmpc.actions import (
     ContactInverseDynamics,
     FreeForwardDynamics,
     ImpulseAction,
-    KinodynamicAction,
     MultibodyAction,
     RungeKutta4,
     Variational,
@@ -26,7 +25,7 @@ from lgmpc.costs import ConstraintItem, CostItem, SmoothTwoNorm
 from lgmpc.costs.library import ContactForce, Control, FramePlacement, FrameTranslation, StateError
 from lgmpc.state import State
 
-KINDS = ["forward", "sliding", "inverse", "kinodynamic", "impulse", "free", "variational"]
+KINDS = ["forward", "sliding", "inverse", "impulse", "free", "variational"]
 CONTACTS = (Contact("sole"), Contact("heel", 6))
 
 
@@ -57,9 +56,6 @@ def costs(state: State, forces: bool) -> list[CostItem]:
 @lru_cache
 def action(kind: str) -> Action:
     model = robot()
-    if kind == "kinodynamic":
-        state = KinodynamicAction("plain", model, CONTACTS).state
-        return KinodynamicAction(kind, model, CONTACTS, costs(state, True))
     free = FreeForwardDynamics(model, np.eye(8)[:, 4:])
     high = [ConstraintItem("high", FrameTranslation("sole", np.zeros(3)), -1.0, 1.0)]
     if kind == "impulse":

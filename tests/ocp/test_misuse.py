@@ -147,7 +147,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "MultibodyAction": (MultibodyAction, dict(name="b", dynamics=DYNAMICS, costs=(), constraints=(), integrator=None)),
     "ImpulseAction": (ImpulseAction, dict(name="b", model=HUMANOID, contacts=FRAMES, costs=(), constraints=())),
     "HoldAction": (HoldAction, dict(name="b", model=HUMANOID, costs=(), constraints=())),
-    "KinodynamicAction": (KinodynamicAction, dict(name="b", model=HUMANOID, contacts=FRAMES, costs=(), constraints=())),
     "CentroidalAction": (CentroidalAction, dict(contacts=4, facets=4)),
     "Variational": (Variational, dict(iterations=3)),
     "Stretched": (lambda a: Stretched(a), dict(a=REACH)),

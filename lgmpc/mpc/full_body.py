@@ -17,7 +17,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.actions import ContactForwardDynamics, ExternalWrench, MultibodyAction, Unknowns
-from lgmpc.compile import CompiledFunction, cached, compile_map
+from lgmpc.compile import StageKernel
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CentroidalMomentum, CoMPosition, ContactForce, Control, FrictionCone, StateError
 from lgmpc.errors import InputError
@@ -147,7 +147,10 @@ class FullBodyMpc(SqpMpc):
         self._force_references = tuple(view(f"force{i}_reference") for i in range(nc))
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
         self._surfaces = tuple((view(f"cone{i}_friction")[:, 0], view(f"cone{i}_normal")) for i in range(nc))
-        self._read = cached(_compile_read_out, action, n + 1, progress=progress)
+        read = StageKernel.of(_read_out, action, progress=progress)
+        self._points = {name: np.zeros((n + 1, size)) for name, size in read.input_sizes.items()}
+        self._found = {name: np.zeros((n + 1, size)) for name, size in read.output_sizes.items()}
+        self._read = read.bind(n + 1, **self._points, **self._found)
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured configuration and velocity; see :meth:`lgmpc.mpc.interface.Mpc.update`.
@@ -203,13 +206,13 @@ class FullBodyMpc(SqpMpc):
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), np.tile(self._efforts, (n, 1)))
 
     def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
-        xs, us, parameters = self._read.inputs
+        xs, us, parameters = self._points.values()
         xs[...] = trajectory.xs
         us[:-1] = trajectory.us
         us[-1] = trajectory.us[-1]
         parameters[...] = self.problem.parameters
-        self._read.run()
-        com, momentum, vs, forces = self._read.outputs
+        self._read()
+        com, momentum, vs, forces = self._found.values()
         nodes = self.settings.nodes
         plan = self._make_plan(
             t,
@@ -271,8 +274,8 @@ def holding_efforts(model: pin.Model, contacts: tuple[str, ...], q: Array) -> Ar
     return efforts
 
 
-def _compile_read_out(action: MultibodyAction, points: int, progress: Callable[[str], None] | None) -> CompiledFunction:
-    """Compile the quantities of plans other than states and controls, for all points of a horizon."""
+def _read_out(action: MultibodyAction) -> ca.Function:
+    """Return the quantities of plans other than states and controls, at one point."""
     sizes = {"x": action.state.nx, "u": action.nu, "p": action.parameters.size}
     x, u, p = (ca.SX.sym(name, size) for name, size in sizes.items())
     dynamics = action.dynamics
@@ -282,5 +285,4 @@ def _compile_read_out(action: MultibodyAction, points: int, progress: Callable[[
     motion = dynamics.motion(q, v, u, action.parameters.split(p), Unknowns())
     outputs = [robot.com(q), robot.momentum(q, v), v, ca.vertcat(*motion.forces.values())]
     names = ["com", "momentum", "v", "forces"]
-    function = ca.Function(f"{action.name}_read_out", [x, u, p], outputs, list(sizes), names)
-    return compile_map(function, points, progress=progress)
+    return ca.Function(f"{action.name}_read_out", [x, u, p], outputs, list(sizes), names)

@@ -165,8 +165,8 @@ class RealTimeSqp:
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Return the residual of the subproblem at its solution, or of the nonlinear problem around it."""
         point = self.qp_solver.solution
-        step = (point.dxs, point.dus) if at_step else (0.0, 0.0)
-        return self._kkt.residual(*step, point.costates, point.multipliers)
+        dxs, dus = (point.dxs, point.dus) if at_step else (0.0, 0.0)
+        return self._kkt.residual(dxs, dus, point.costates, point.multipliers)
 
     def _result(
         self, status: Status, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float

@@ -160,6 +160,7 @@ class GeneralQpSolver(ABC):
         row_at = stages * ng
         inequality = np.hstack([place("C", later, row_at, x_at), place("D", stages, row_at, u_at)])
         rows = self._equalities + inequalities
+        self._constraints: tuple[_GatheredMatrix, ...]
         if self.stacked:
             inequality[0] += self._equalities
             self._constraints = (_GatheredMatrix((rows, size), np.hstack([equality, inequality])),)

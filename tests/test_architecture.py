@@ -102,7 +102,7 @@ OWNERS: dict[str, str] = {
     "typer": "cli",
     "IPython": "notebook viz",
     "rich": "cli",
-    "optuna": "sweeps.study",
+    "optuna": "sweeps.study sweeps.tuning",
     "distributed": "sweeps.pool",
 }
 

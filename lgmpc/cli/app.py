@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lgmpc import __version__
-from lgmpc.cli import help, robots, studies
-from lgmpc.cli.failures import guarded
+from lgmpc.cli import help, studies
 from lgmpc.cli.options import (
     AsJson,
     ConfigFile,
@@ -27,8 +27,8 @@ from lgmpc.cli.options import (
     complete_demo,
     complete_run,
 )
+from lgmpc.cli.screen import guarded, show_page
 from lgmpc.cli.screen import out as stdout
-from lgmpc.cli.screen import show_page
 
 __all__ = ["app"]
 
@@ -40,6 +40,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_PORT = 47800
+"""Port of a simulated robot."""
+
+
+def _command(function: Callable[..., int | None]) -> Callable[..., None]:
+    """Add a command, with its examples; exceptions in it become messages and exit codes."""
+    return app.command(epilog=help.examples(function.__name__))(guarded(function))
 
 
 def _version(wanted: bool) -> None:
@@ -60,8 +67,7 @@ def _options(
         print(context.get_help())
 
 
-@app.command(epilog=help.RUN)
-@guarded
+@_command
 def run(
     config: ConfigOrChange = "",
     more: MoreOverrides = [],  # noqa: B006 (typer copies it)
@@ -73,7 +79,7 @@ def run(
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
+) -> int:
     """Simulate a config, save the run and judge it.
 
     Shows progress while it runs. Ctrl-C saves what was recorded until then and marks it as interrupted.
@@ -81,11 +87,10 @@ def run(
     from lgmpc.cli.running import run_shown
 
     changes = [*overrides, *more, *([f"plant.kind={plant.value}"] if plant else [])]
-    raise typer.Exit(run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet))
+    return run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet)
 
 
-@app.command(epilog=help.SOLVE)
-@guarded
+@_command
 def solve(
     config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006
@@ -93,7 +98,7 @@ def solve(
     out: OutFolder = Path("runs"),
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
+) -> int:
     """Optimise the trajectory of a config, save it and judge it.
 
     Shows the iterations. Ctrl-C saves the present trajectory and marks it as interrupted.
@@ -101,18 +106,66 @@ def solve(
     from lgmpc.config import load_solve_config
 
     loaded = load_solve_config(config, [*overrides, *more])
-    from lgmpc.cli.solving import solve_shown
+    from lgmpc.cli.running import solve_shown
 
-    raise typer.Exit(solve_shown(loaded, out, as_json=as_json, quiet=quiet))
-
-
-app.command(epilog=help.DEPLOY)(robots.deploy)
-app.command(epilog=help.ROBOT)(robots.robot)
-app.command(epilog=help.SWEEP)(studies.sweep)
+    return solve_shown(loaded, out, as_json=as_json, quiet=quiet)
 
 
-@app.command(epilog=help.PLAY)
-@guarded
+@_command
+def deploy(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006 (typer copies it)
+    overrides: Overrides = [],  # noqa: B006
+    address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Address of the robot.")] = (
+        f"127.0.0.1:{_PORT}"
+    ),
+    out: OutFolder = Path("runs"),
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> int:
+    """Run a config's controllers on a robot in real time, over UDP, save the run and judge it.
+
+    Requires an estimator in the config. The run is judged by the estimate. At the end, after Ctrl-C, and while no
+    measurements arrive, the joints are damped.
+    """
+    from lgmpc.config import load_config
+
+    loaded = load_config(config, [*overrides, *more])
+    from lgmpc.cli.running import deploy_shown
+    from lgmpc.hardware.udp import parse_address
+
+    return deploy_shown(loaded, parse_address(address), out, as_json=as_json, quiet=quiet)
+
+
+@_command
+def robot(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006
+    overrides: Overrides = [],  # noqa: B006
+    host: Annotated[str, typer.Option(help="Address of this machine to listen at.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes any free one.")] = _PORT,
+    lock_step: Annotated[
+        bool,
+        typer.Option("--lock-step", help="Wait for the answer to each measurement instead of moving in real time."),
+    ] = False,
+) -> int:
+    """Simulate a config's robot in real time, moved by a controller at the other end of a UDP link.
+
+    Waits for `lgmpc deploy`, or for another program that uses its protocol; ends with it, or by Ctrl-C or SIGTERM.
+    Pushes, sensor noise, drives and floor are those of the config.
+    """
+    from lgmpc.config import load_config
+
+    loaded = load_config(config, [*overrides, *more])
+    from lgmpc.cli.running import serve_shown
+
+    return serve_shown(loaded, host, port, lock_step=lock_step)
+
+
+_command(studies.sweep)
+
+
+@_command
 def play(
     run: RunName,
     html: Annotated[
@@ -133,8 +186,7 @@ def play(
         show_page(file)
 
 
-@app.command(epilog=help.PLOT)
-@guarded
+@_command
 def plot(
     run: RunName,
     out: Annotated[
@@ -152,8 +204,7 @@ def plot(
         stdout().print(f"wrote {figure}", markup=False)
 
 
-@app.command(epilog=help.EXPLAIN)
-@guarded
+@_command
 def explain(
     run: RunName,
     out: Annotated[
@@ -168,14 +219,13 @@ def explain(
     Events are limits reached, contacts and solutions lost, capture point outside the support, late ticks, wrong
     estimates. For a run that passed: its smallest margin to each limit. For a solve: course, end and margins.
     """
-    from lgmpc.cli.explaining import explain_shown
+    from lgmpc.cli.inspecting import explain_shown
     from lgmpc.runs import find_run
 
     explain_shown(find_run(run, runs), out, as_json=as_json)
 
 
-@app.command(epilog=help.REPORT)
-@guarded
+@_command
 def report(
     run: Annotated[
         str,
@@ -206,13 +256,11 @@ def report(
     show_page(write_sweep_report(folder, html) if is_sweep(folder) else write(find_run(run, runs), html))
 
 
-app.command(epilog=help.COMPARE)(studies.compare)
-app.command(epilog=help.ABLATE)(studies.ablate)
-app.command(epilog=help.TUNE)(studies.tune)
+for _study in (studies.compare, studies.ablate, studies.tune):
+    _command(_study)
 
 
-@app.command(epilog=help.DEMO)
-@guarded
+@_command
 def demo(
     name: Annotated[
         str,
@@ -222,7 +270,7 @@ def demo(
     figure: Annotated[FigureKind, typer.Option("--format", help="Kind of file for the figure.")] = FigureKind.PNG,
     view: Annotated[bool, typer.Option(help="Open the scene in a browser, if there is a desktop.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
-) -> None:
+) -> int | None:
     """Compare predictions of geometric mechanics with simulations.
 
     Prints and writes a table, and writes a figure and, for demonstrations with moving bodies, a scene. Exit code 0 if
@@ -231,12 +279,12 @@ def demo(
     from lgmpc.cli.demonstrating import list_demos, show_demo
 
     if not name:
-        return list_demos()
-    raise typer.Exit(show_demo(name, out, figure.value, view=view, as_json=as_json))
+        list_demos()
+        return None
+    return show_demo(name, out, figure.value, view=view, as_json=as_json)
 
 
-@app.command(epilog=help.CHECK)
-@guarded
+@_command
 def check(
     config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006
@@ -251,8 +299,7 @@ def check(
     show_checked(loaded)
 
 
-@app.command(epilog=help.CONFIGS)
-@guarded
+@_command
 def configs(
     copy: Annotated[
         str,
@@ -283,20 +330,18 @@ def configs(
         list_configs()
 
 
-@app.command(epilog=help.DOCTOR)
-@guarded
-def doctor() -> None:
+@_command
+def doctor() -> int:
     """Show installed packages, compiler and compile cache, and test them.
 
     Exit code 0 if everything works, 1 if something is broken.
     """
     from lgmpc.cli.inspecting import show_diagnosis
 
-    raise typer.Exit(show_diagnosis())
+    return show_diagnosis()
 
 
-@app.command(epilog=help.SCHEMA)
-@guarded
+@_command
 def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,
 ) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import textwrap
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.screen import err, out
+from lgmpc.cli.screen import err, out, plain_table
 from lgmpc.demos import SUMMARIES, load_demo
 from lgmpc.demos.outcome import Demo, Outcome, Row
 from lgmpc.errors import InputError
@@ -51,7 +52,9 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
     console = err()
     with console.status(f"{demo.name}: {demo.summary}"):
         outcome = demo.run()
-    written = [_write_table(demo, outcome, folder / f"{name}.json")]
+    written = [folder / f"{name}.json"]
+    with atomic_write(written[0]) as stream:
+        stream.write(_json(demo, outcome).encode("utf-8"))
     if outcome.panels:
         written.append(draw_demo(demo, outcome, folder / f"{name}.{kind}"))
     page = demo_page(demo, outcome) if outcome.bodies else ""
@@ -68,17 +71,17 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
 
 def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
     console = out()
-    headers = ("quantity", "predicted", "measured", "off by", "allowed", "")
-    table = Table(*headers, box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="dim")
-    for column in table.columns[1:-1]:
-        column.justify, column.no_wrap = "right", True
+    headings = ("predicted", "measured", "off by", "allowed")
+    table = plain_table("quantity", *headings, "")
     numbers = [_numbers(row) for row in outcome.rows]
     marks = [Text("ok", "green") if row.agrees else Text("differs", "bold red") for row in outcome.rows]
-    taken = sum(2 + max(map(len, column)) for column in zip(headers[1:5], *numbers, strict=True))
-    room = console.width - taken - 2 - max(map(len, marks))
+    taken = sum(2 + max(map(len, column)) for column in zip(headings, *numbers, strict=True))
+    room = max(console.width - taken - 2 - max(map(len, marks)), _NARROWEST)
+    for column in table.columns[1:-1]:
+        column.justify, column.no_wrap = "right", True
     for row, cells, mark in zip(outcome.rows, numbers, marks, strict=True):
         name = f"{row.quantity}, {row.unit}" if row.unit else row.quantity
-        lines = textwrap.fill(name, max(room, _NARROWEST), subsequent_indent="  ", break_on_hyphens=False)
+        lines = textwrap.fill(name, room, subsequent_indent="  ", break_on_hyphens=False)
         table.add_row(lines, *cells, mark)
     console.print(table)
     if outcome.details:
@@ -96,30 +99,12 @@ def _numbers(row: Row) -> tuple[str, str, str, str]:
     return f"{row.predicted:.7g}", f"{row.measured:.7g}", off, f"{row.tolerance:.0e}"
 
 
-def _write_table(demo: Demo, outcome: Outcome, path: Path) -> Path:
-    with atomic_write(path) as stream:
-        stream.write(_json(demo, outcome).encode("utf-8"))
-    return path
-
-
 def _json(demo: Demo, outcome: Outcome) -> str:
-    rows = [
-        {
-            "quantity": row.quantity,
-            "unit": row.unit,
-            "predicted": row.predicted,
-            "measured": row.measured,
-            "tolerance": row.tolerance,
-            "agrees": row.agrees,
-        }
-        for row in outcome.rows
-    ]
-    content: dict[str, object] = {
+    content = {
         "demo": demo.name,
         "agrees": outcome.agrees,
-        "rows": rows,
+        "rows": [{**asdict(row), "agrees": row.agrees} for row in outcome.rows],
         "remarks": list(outcome.remarks),
+        **({"details": outcome.details.splitlines()} if outcome.details else {}),
     }
-    if outcome.details:
-        content["details"] = outcome.details.splitlines()
     return json.dumps(json_values(content), indent=2, allow_nan=False) + "\n"

@@ -7,7 +7,8 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TextIO, TypeVar
+from time import perf_counter
+from typing import Any, Generic, TypeVar
 
 from rich.console import Console
 from rich.logging import RichHandler
@@ -15,18 +16,10 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
+from lgmpc.cli.screen import plain_table
 from lgmpc.runs.figures import figure_number, figure_words
 
-__all__ = [
-    "Counted",
-    "Display",
-    "Row",
-    "counting_display",
-    "duration_words",
-    "figure_table",
-    "progress_display",
-    "warnings_on",
-]
+__all__ = ["Display", "Row", "counting_display", "figure_table", "progress_display", "warnings_on"]
 
 Step = TypeVar("Step")
 
@@ -42,21 +35,6 @@ class Display(Generic[Step]):
 
     announce: Callable[[str], None]
     advance: Callable[[Step], None]
-
-
-class Counted(Protocol):
-    """Progress through a known number of steps."""
-
-    @property
-    def done(self) -> int:
-        """Steps that are finished."""
-
-    @property
-    def total(self) -> int:
-        """All steps."""
-
-
-CountedStep = TypeVar("CountedStep", bound=Counted)
 
 
 @contextmanager
@@ -109,34 +87,44 @@ def _ignore(_: object) -> None:
 
 @contextmanager
 def counting_display(
-    console: Console, total: int, steps: str, state: Callable[[CountedStep], str], *, every: int = 1, quiet: bool
-) -> Iterator[Display[CountedStep]]:
-    """Display progress through ``total`` steps.
+    console: Console, total: int, steps: str, read: Callable[[Step], tuple[int, str]], *, every: int = 1, quiet: bool
+) -> Iterator[Display[Step]]:
+    """Display progress through ``total`` steps, and the time that the others will take.
 
     Args:
         console: to print to.
         total: number of steps.
         steps: noun of the steps, in the plural.
-        state: text on the state of a report, printed after its count.
+        read: from a report to the number of finished steps and a text on the state.
         every: steps between two lines.
         quiet: display nothing.
     """
-    due = 0
+    due, first, began = 0, -1, 0.0
 
-    def lines(now: CountedStep) -> Iterator[str]:
+    def state(now: Step) -> tuple[int, str]:
+        nonlocal first, began
+        done, text = read(now)
+        if first < 0:
+            first, began = done, perf_counter()
+        left = (perf_counter() - began) * (total - done) / max(1, done - first)
+        return done, text + (f"  about {_duration_words(left)} left" if done > first else "")
+
+    def lines(now: Step) -> Iterator[str]:
         nonlocal due
-        if now.done >= due:
-            due = now.done + every
-            yield f"{now.done} of {now.total} {steps}{state(now)}"
+        done, text = state(now)
+        if done >= due:
+            due = done + every
+            yield f"{done} of {total} {steps}{text}"
 
-    def bar(now: CountedStep) -> Mapping[str, Any]:
-        return {"completed": now.done, "total": total, "state": f"{now.done} / {total}{state(now)}"}
+    def bar(now: Step) -> Mapping[str, Any]:
+        done, text = state(now)
+        return {"completed": done, "total": total, "state": f"{done} / {total}{text}"}
 
     with progress_display(console, lines, bar, quiet=quiet) as display:
         yield display
 
 
-def duration_words(seconds: float) -> str:
+def _duration_words(seconds: float) -> str:
     """Return a duration in hours and minutes, or in minutes and seconds."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
@@ -147,20 +135,9 @@ def duration_words(seconds: float) -> str:
 def warnings_on(console: Console) -> Iterator[None]:
     """Print log records from WARNING on, and Python's warnings without their line of code."""
     handler = RichHandler(logging.WARNING, console, show_path=False, show_time=False)
-    logger = logging.getLogger("lgmpc")
-
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
-        logger.warning("%s", message)
-
+    logger, before = logging.getLogger("lgmpc"), warnings.showwarning
     logger.addHandler(handler)
-    before, warnings.showwarning = warnings.showwarning, show
+    warnings.showwarning = lambda message, *_, **__: logger.warning("%s", message)
     try:
         yield
     finally:
@@ -212,9 +189,9 @@ class Row:
 
 def figure_table(rows: Iterable[Row]) -> Table:
     """Return the table."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in ("figure", "measured", "allowed", ""):
-        table.add_column(heading, justify="right" if heading in ("measured", "allowed") else "left")
+    table = plain_table("figure", "measured", "allowed", "")
+    for column in table.columns[1:3]:
+        column.justify = "right"
     for row in rows:
         table.add_row(*row.cells())
     return table

@@ -2,26 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ABLATE",
-    "CHECK",
-    "COMPARE",
-    "CONFIGS",
-    "DEMO",
-    "DEPLOY",
-    "DOCTOR",
-    "EXPLAIN",
-    "OVERVIEW",
-    "PLAY",
-    "PLOT",
-    "REPORT",
-    "ROBOT",
-    "RUN",
-    "SCHEMA",
-    "SOLVE",
-    "SWEEP",
-    "TUNE",
-]
+__all__ = ["OVERVIEW", "examples"]
 
 _WHAT = "Lie-group trajectory optimisation and model-predictive control of floating-base robots."
 _HOW = (
@@ -48,102 +29,103 @@ OVERVIEW = f"""{_WHAT}
 """
 
 
-def _examples(*lines: str) -> str:
-    """One paragraph for each command, so that none is joined with the next."""
-    return "\n\n".join(["[bold]Examples[/bold]", *(f"  {line}" for line in lines)]) + "\n"
+def examples(command: str) -> str:
+    """Return the text after the options of a command: one paragraph for each line, so that none are joined."""
+    paragraphs = {name: lines for name, *lines in (each.splitlines() for each in _EXAMPLES.split("\n\n"))}
+    return "\n\n".join(["[bold]Examples[/bold]", *(f"  {line}" for line in paragraphs[command])])
 
 
-RUN = _examples(
-    "lgmpc run solo12_balance",
-    "lgmpc run solo12_balance --set mpc.enabled=false --set plant.friction=0.4",
-    'lgmpc run solo12_balance --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs',
-    "lgmpc run solo12_stand --json | jq .metrics.max_tilt_deg",
-    "lgmpc run runs/<time>-<name>/config.yaml      repeat a run",
-    "lgmpc run --from latest                       repeat it, compared with its log bit for bit",
-    "lgmpc run --from latest@2.31 wbc.weights.posture=2   the same up to 2.31 s, another weight from there on",
-    "lgmpc run --from runs/<time>-<name>@0.9 --set plant.friction=0.3 duration_s=20",
-)
-SOLVE = _examples(
-    "lgmpc solve solo12_trot",
-    'lgmpc solve solo12_trot --set problem.cycles=5 "problem.velocity_m_s=[0.2, 0.1]"',
-    "lgmpc solve panda_reach --set solver.method=ipopt gate.max_effort_ratio=0.9",
-    "lgmpc solve solo12_com_circle_full_body --json | jq .figures",
-    "lgmpc solve runs/<time>-<name>/config.yaml    repeat it",
-)
-SWEEP = _examples(
-    "lgmpc sweep push_map",
-    'lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_map --workers 2',
-    "lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups",
-    "lgmpc sweep push_map --resume              continue after Ctrl-C",
-    "lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask scheduler",
-)
-PLAY = _examples(
-    "lgmpc play latest                          in the browser, with a time slider",
-    "lgmpc play latest --html balance.html      one self-contained page",
-    "lgmpc play latest --port 7000              on a fixed port, such as one that ssh forwards",
-)
-PLOT = _examples(
-    "lgmpc plot latest                          into the run's own folder, figures/",
-    "lgmpc plot runs/<time>-<name> --out /tmp/figures",
-)
-EXPLAIN = _examples(
-    "lgmpc explain latest                       why the last run failed, or its smallest margins",
-    "lgmpc explain sweeps/random_1000/logs/fail-<key>",
-    "lgmpc explain latest --json | jq -r '.events[] | [.start_s, .words] | @tsv'",
-)
-REPORT = _examples(
-    "lgmpc report latest                        report.html in the run's own folder",
-    "lgmpc report latest --html fall.html       a page that requires no installation",
-    "lgmpc report sweeps/push_map               tables, figure and points of a sweep",
-)
-COMPARE = _examples(
-    "lgmpc compare runs/<time>-a runs/<time>-b",
-    "lgmpc compare sweeps/before sweeps/after --margin 0.02 --metric max_tilt_deg",
-    "lgmpc compare sweeps/before sweeps/after --json | jq .quantities",
-)
-ABLATE = _examples(
-    "lgmpc ablate solo12_velocity               every usual part",
-    "lgmpc ablate solo12_balance mpc wbc.weights.posture wbc.gains.com.kp=10",
-    'lgmpc ablate solo12_balance --set "pushes.0.impulse_ns=[0, 4, 0]" --seeds 5 --json',
-)
-TUNE = _examples(
-    "lgmpc tune solo12_balance_inekf --keys mpc.weights.com wbc.gains.com.kp=30:300:log --objective com_rms_error_m",
-    "lgmpc tune random_1000 --set samples.count=20 --keys mpc.weights.force --objective passed --trials 30",
-    "lgmpc tune push_map --keys wbc.weights.com --objective boundary --resume",
-    "lgmpc run tuning/random_1000/best.yaml     run the tuned config",
-)
-DEMO = _examples(
-    "lgmpc demo                                 the list",
-    "lgmpc demo dzhanibekov                     a body that keeps turning over",
-    "lgmpc demo integrators --out /tmp/demo --format svg --no-view",
-)
-CHECK = _examples(
-    "lgmpc check solo12_balance",
-    "lgmpc check my.yaml --set robot.model=anymal_c",
-    "lgmpc check panda_reach                    which figures can be bounded",
-)
-CONFIGS = _examples(
-    "lgmpc configs                              the list",
-    "lgmpc configs --copy solo12_balance my.yaml",
-    "lgmpc run my.yaml",
-)
-DOCTOR = _examples(
-    "lgmpc doctor",
-    "LGMPC_CACHE_DIR=/tmp/cache lgmpc doctor    with another compile cache; LGMPC_JIT=0 compiles nothing",
-)
-SCHEMA = (
-    _examples("lgmpc schema --out configs/schema.json")
-    + """
+_EXAMPLES = """\
+run
+lgmpc run solo12_balance
+lgmpc run solo12_balance --set mpc.enabled=false --set plant.friction=0.4
+lgmpc run solo12_balance --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs
+lgmpc run solo12_stand --json | jq .metrics.max_tilt_deg
+lgmpc run runs/<time>-<name>/config.yaml      repeat a run
+lgmpc run --from latest                       repeat it, compared with its log bit for bit
+lgmpc run --from latest@2.31 wbc.weights.posture=2   the same up to 2.31 s, another weight from there on
+lgmpc run --from runs/<time>-<name>@0.9 --set plant.friction=0.3 duration_s=20
+
+solve
+lgmpc solve solo12_trot
+lgmpc solve solo12_trot --set problem.cycles=5 "problem.velocity_m_s=[0.2, 0.1]"
+lgmpc solve panda_reach --set solver.method=ipopt gate.max_effort_ratio=0.9
+lgmpc solve solo12_com_circle_full_body --json | jq .figures
+lgmpc solve runs/<time>-<name>/config.yaml    repeat it
+
+sweep
+lgmpc sweep push_map
+lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_map --workers 2
+lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups
+lgmpc sweep push_map --resume              continue after Ctrl-C
+lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask scheduler
+
+play
+lgmpc play latest                          in the browser, with a time slider
+lgmpc play latest --html balance.html      one self-contained page
+lgmpc play latest --port 7000              on a fixed port, such as one that ssh forwards
+
+plot
+lgmpc plot latest                          into the run's own folder, figures/
+lgmpc plot runs/<time>-<name> --out /tmp/figures
+
+explain
+lgmpc explain latest                       why the last run failed, or its smallest margins
+lgmpc explain sweeps/random_1000/logs/fail-<key>
+lgmpc explain latest --json | jq -r '.events[] | [.start_s, .words] | @tsv'
+
+report
+lgmpc report latest                        report.html in the run's own folder
+lgmpc report latest --html fall.html       a page that requires no installation
+lgmpc report sweeps/push_map               tables, figure and points of a sweep
+
+compare
+lgmpc compare runs/<time>-a runs/<time>-b
+lgmpc compare sweeps/before sweeps/after --margin 0.02 --metric max_tilt_deg
+lgmpc compare sweeps/before sweeps/after --json | jq .quantities
+
+ablate
+lgmpc ablate solo12_velocity               every usual part
+lgmpc ablate solo12_balance mpc wbc.weights.posture wbc.gains.com.kp=10
+lgmpc ablate solo12_balance --set "pushes.0.impulse_ns=[0, 4, 0]" --seeds 5 --json
+
+tune
+lgmpc tune solo12_balance_inekf --keys mpc.weights.com wbc.gains.com.kp=30:300:log --objective com_rms_error_m
+lgmpc tune random_1000 --set samples.count=20 --keys mpc.weights.force --objective passed --trials 30
+lgmpc tune push_map --keys wbc.weights.com --objective boundary --resume
+lgmpc run tuning/random_1000/best.yaml     run the tuned config
+
+demo
+lgmpc demo                                 the list
+lgmpc demo dzhanibekov                     a body that keeps turning over
+lgmpc demo integrators --out /tmp/demo --format svg --no-view
+
+check
+lgmpc check solo12_balance
+lgmpc check my.yaml --set robot.model=anymal_c
+lgmpc check panda_reach                    which figures can be bounded
+
+configs
+lgmpc configs                              the list
+lgmpc configs --copy solo12_balance my.yaml
+lgmpc run my.yaml
+
+doctor
+lgmpc doctor
+LGMPC_CACHE_DIR=/tmp/cache lgmpc doctor    with another compile cache; LGMPC_JIT=0 compiles nothing
+
+schema
+lgmpc schema --out configs/schema.json
 As first line of a config: # yaml-language-server: $schema=schema.json
+
+deploy
+lgmpc robot solo12_velocity_inekf                                 in one terminal: a robot in real time
+lgmpc deploy solo12_velocity_inekf                                in another: its controller
+lgmpc deploy solo12_balance_inekf --robot 192.168.1.20:47800      a robot whose driver uses the protocol
+
+robot
+lgmpc robot solo12_balance_inekf
+lgmpc robot solo12_balance_inekf plant.friction=0.4 --port 47801
+lgmpc robot solo12_balance_inekf --lock-step      at the pace of its controller, repeatable bit for bit
 """
-)
-DEPLOY = _examples(
-    "lgmpc robot solo12_velocity_inekf                                 in one terminal: a robot in real time",
-    "lgmpc deploy solo12_velocity_inekf                                in another: its controller",
-    "lgmpc deploy solo12_balance_inekf --robot 192.168.1.20:47800      a robot whose driver uses the protocol",
-)
-ROBOT = _examples(
-    "lgmpc robot solo12_balance_inekf",
-    "lgmpc robot solo12_balance_inekf plant.friction=0.4 --port 47801",
-    "lgmpc robot solo12_balance_inekf --lock-step      at the pace of its controller, repeatable bit for bit",
-)
+"""A paragraph for each command, its name first."""

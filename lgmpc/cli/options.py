@@ -13,24 +13,17 @@ import typer
 
 __all__ = [
     "AsJson",
-    "Changes",
     "ConfigFile",
     "ConfigOrChange",
-    "DaskAddress",
     "FigureKind",
     "From",
     "MoreOverrides",
-    "NewFolder",
     "OutFolder",
     "Overrides",
     "PlantKind",
     "Quiet",
-    "Resume",
     "RunName",
     "RunsFolder",
-    "SweepFile",
-    "TunedKeys",
-    "Workers",
     "complete_config",
     "complete_demo",
     "complete_run",
@@ -42,16 +35,14 @@ def complete_config(incomplete: str) -> list[tuple[str, str]]:
     """Return name and summary of the shipped configs whose names begin with ``incomplete``."""
     from lgmpc.shipped import shipped_configs
 
-    configs = shipped_configs().values()
-    return [(config.name, config.summary) for config in configs if config.name.startswith(incomplete)]
+    return [(name, each.summary) for name, each in shipped_configs().items() if name.startswith(incomplete)]
 
 
 def complete_sweep(incomplete: str) -> list[tuple[str, str]]:
     """Return name and summary of the shipped sweeps whose names begin with ``incomplete``."""
     from lgmpc.shipped import shipped_sweeps
 
-    sweeps = shipped_sweeps().values()
-    return [(sweep.name, sweep.summary) for sweep in sweeps if sweep.name.startswith(incomplete)]
+    return [(name, each.summary) for name, each in shipped_sweeps().items() if name.startswith(incomplete)]
 
 
 def complete_run(context: typer.Context, incomplete: str) -> list[str]:
@@ -132,42 +123,3 @@ RunName = Annotated[
     typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False, autocompletion=complete_run),
 ]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder of run folders, for `latest` and names.")]
-Workers = Annotated[
-    int | None, typer.Option(help="Worker processes; one for each processor if not given.", show_default=False)
-]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
-Changes = Annotated[
-    list[str],
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value; may be repeated.", show_default=False),
-]
-NewFolder = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder of the results; named after CONFIG if not given.", show_default=False),
-]
-SweepFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="SWEEP",
-        help="A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
-        show_default=False,
-        autocompletion=complete_sweep,
-    ),
-]
-DaskAddress = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="Compute on a Dask cluster: the address of its scheduler (extra `dask`).",
-        show_default=False,
-    ),
-]
-TunedKeys = Annotated[
-    list[str],
-    typer.Option(
-        "--keys",
-        metavar="KEY...",
-        help="Keys to tune: KEY (a third to three times the present value), KEY=LOW:HIGH, KEY=LOW:HIGH:log, or "
-        "KEY=[A, B]. Vectors are scaled. More may follow, or the option again.",
-        show_default=False,
-    ),
-]

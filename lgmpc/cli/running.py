@@ -1,28 +1,34 @@
-"""``lgmpc run``: progress over simulated time, and the result; of a config, or from a tick of a recorded run."""
+"""``lgmpc run``, ``deploy``, ``robot`` and ``solve``: progress, and the result."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.text import Text
 
 from lgmpc.cli.display import Display, Row, figure_table, progress_display, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
-from lgmpc.config import load_config
-from lgmpc.config.continuing import run_from
-from lgmpc.config.execution import FinishedRun, run_config
-from lgmpc.config.session import Progress
-from lgmpc.errors import InputError
+from lgmpc.config import Config, SolveConfig, load_config
+from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
+from lgmpc.config.interrupts import stop_signals
+from lgmpc.config.session import Iteration, Progress
+from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import Gate, Metrics, Outcome, find_run, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
+from lgmpc.runs.metrics import timing
 
-__all__ = ["run_display", "run_shown", "show_run"]
+if TYPE_CHECKING:
+    from lgmpc.hardware import Deployment
+
+__all__ = ["deploy_shown", "run_shown", "serve_shown", "solve_shown"]
 
 
 def run_shown(first: str, origin: str, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool) -> int:
@@ -38,12 +44,12 @@ def run_shown(first: str, origin: str, changes: Sequence[str], folder: Path, *, 
     """
     begin = _continuation(first, origin, changes, folder) if origin else _beginning(first, changes, folder)
     console = err()
-    with run_display(console, quiet=quiet) as display, warnings_on(console):
+    with _run_display(console, quiet=quiet) as display, warnings_on(console):
         finished = begin(notify=display.announce, progress=display.advance)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
-        show_run(finished, quiet=quiet)
+        _show_run(finished, quiet=quiet)
     return finished.exit_code
 
 
@@ -61,11 +67,13 @@ def _continuation(first: str, origin: str, changes: Sequence[str], folder: Path)
         time_s = float(time) if at else None
     except ValueError:
         raise InputError("--from", origin, "RUN, or RUN@TIME with a time in s, such as latest@2.31") from None
+    from lgmpc.config.continuing import run_from
+
     path = find_run(name if at else origin, folder)
     return partial(run_from, path, time_s, [*([first] if first else []), *changes], folder)
 
 
-def show_run(run: FinishedRun, *, quiet: bool) -> None:
+def _show_run(run: FinishedRun, *, quiet: bool) -> None:
     """Print the figures, the verdict, and the commands for the saved run."""
     console, metrics, gate = out(), run.session.metrics, run.config.gate
     if metrics is not None and not quiet:
@@ -113,7 +121,7 @@ def _always_shown(metrics: Metrics) -> Iterator[Row]:
 
 
 @contextmanager
-def run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]:
+def _run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]:
     """Show the progress of a run on ``console``: a bar on a terminal, a line per stage elsewhere."""
     begun: list[Progress] = []
 
@@ -128,4 +136,128 @@ def run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]
         return {"description": "simulating", "completed": now.time_s, "total": now.duration_s, "state": state}
 
     with progress_display(console, lines, bar, quiet=quiet) as display:
+        yield display
+
+
+def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_json: bool, quiet: bool) -> int:
+    """Run ``config`` on the robot at ``address``, print the verdict, and return the exit code."""
+    from lgmpc.config.deploying import deploy_config
+    from lgmpc.hardware import UdpDriver
+
+    console = err()
+    with _run_display(console, quiet=quiet) as display, warnings_on(console):
+        finished, deployment = deploy_config(
+            config, lambda nu: UdpDriver(address, nu), folder, notify=display.announce, progress=display.advance
+        )
+    if as_json:
+        print_result(finished.folder.path, finished.result)
+        return finished.exit_code
+    if not quiet:
+        out().print(figure_table(_link(deployment)))
+    _show_run(finished, quiet=quiet)
+    return finished.exit_code
+
+
+def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> int:
+    """Simulate the robot of ``config``, print figures of its motion and of the link, and return the exit code."""
+    from lgmpc.config.deploying import serve_config
+    from lgmpc.hardware import UdpRobot
+
+    console = err()
+    with warnings_on(console), stop_signals():
+        served = serve_config(
+            config,
+            lambda nu: UdpRobot(nu, host, port),
+            lock_step=lock_step,
+            notify=lambda message: console.print(message, markup=False),
+        )
+    rows = [
+        Row("simulated", "s", float(served.time[-1])),
+        Row("largest tilt", "deg", served.max_tilt_deg),
+        Row("displacement at the end", "mm", 1e3 * served.final_displacement_m),
+        Row("ticks behind the clock", "", float(served.behind)),
+        Row("ticks without a command", "", float(served.unanswered)),
+    ]
+    out().print(figure_table(rows))
+    out().print(f"the robot ended: {served.ending}", markup=False)
+    return 0 if served.signal is None else Interrupted(served.signal).exit_code
+
+
+def _link(deployment: Deployment) -> list[Row]:
+    spent = timing(1e3 * deployment.spent)
+    return [
+        Row("measurements answered", "", float(deployment.ticks)),
+        Row("measurements overtaken", "", float(deployment.overtaken)),
+        Row("measurements missing", "", float(deployment.missing)),
+        Row("commands late", "", float(deployment.late)),
+        *([Row("command after p50", "ms", spent.p50), Row("command after p99", "ms", spent.p99)] if spent else []),
+    ]
+
+
+def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool) -> int:
+    """Solve the problem of ``config`` with a display of iterations, print the verdict, and return the exit code."""
+    console = err()
+    with _solve_display(console, config, quiet=quiet) as display, warnings_on(console):
+        finished = solve_config(config, folder, notify=display.announce, progress=display.advance)
+    if as_json:
+        print_result(finished.folder.path, finished.result)
+    else:
+        _show_solve(finished, config, quiet=quiet)
+    return finished.exit_code
+
+
+def _show_solve(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
+    console, outcome = out(), finished.outcome
+    if not quiet:
+        console.print(figure_table(_figure_rows(outcome.figures, config.gate.bounds)))
+    if outcome.explanation and not (quiet and outcome.converged) and outcome.verdict.outcome is not Outcome.INTERRUPTED:
+        console.print(Text(outcome.explanation))
+    show_verdict(console, outcome.verdict, finished.result.name)
+    if not quiet:
+        show_next(console, finished.folder.path)
+
+
+def _figure_rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator[Row]:
+    """Return the rows of all figures: those with bounds first, a row for each bound."""
+    for bound, limit in bounds.items():
+        yield Row.of(figure_of(bound), figures[figure_of(bound)], limit, highest=bound.startswith("max_"))
+    bounded = set(map(figure_of, bounds))
+    for figure, value in figures.items():
+        if figure not in bounded and not math.isnan(value):
+            yield Row.of(figure, value)
+
+
+Columns = Mapping[str, Callable[[Iteration], str]]
+"""Heading of each column, and its text for an iteration."""
+
+
+def _columns(method: str) -> Columns:
+    """Return the columns of a method: the criterion of FDDP is the expected reduction, that of SQP the residual."""
+    criterion = "reduction" if "fddp" in method else "residual"
+    return {
+        "iteration": lambda now: str(now.count),
+        "cost": lambda now: f"{now.cost:.6g}",
+        criterion: lambda now: _scientific(now.criterion),
+        "gap": lambda now: _scientific(now.gap),
+        "step": lambda now: "-" if math.isnan(now.step) else "rejected" if now.step == 0.0 else f"{now.step:.4g}",
+        "regularis.": lambda now: _scientific(now.regularization),
+        "ms": lambda now: f"{1e3 * now.elapsed_s:.0f}",
+    }
+
+
+def _scientific(value: float) -> str:
+    return "-" if math.isnan(value) else "0" if value == 0.0 else f"{value:.1e}"
+
+
+@contextmanager
+def _solve_display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[Display[Iteration]]:
+    """Print a line for each iteration, with headings in between, and on terminals a bar of the stage."""
+    columns, rows = _columns(config.solver.method), count()
+
+    def lines(now: Iteration) -> Iterator[str]:
+        if next(rows) % 20 == 0:
+            yield "".join(f"{name:>14}" for name in columns)
+        yield "".join(f"{write(now):>14}" for write in columns.values())
+
+    with progress_display(console, lines, lambda now: {}, quiet=quiet, above=True) as display:
         yield display

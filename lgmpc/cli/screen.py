@@ -1,38 +1,36 @@
-"""Output of the command line. Results go to stdout; progress, notes and errors to stderr."""
+"""Output of the command line, error messages and exit codes.
+
+Results go to stdout; progress, notes and errors to stderr.
+"""
 
 from __future__ import annotations
 
+import errno
+import functools
 import json
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+import tempfile
+import traceback
+from collections.abc import Callable, Iterator
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, ParamSpec, TextIO
 
+import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.errors import ConfigError, LgmpcError, ModelError, legible, shortened
+from lgmpc import __version__
+from lgmpc.errors import ConfigError, Interrupted, LgmpcError, ModelError, legible, shortened
 
 if TYPE_CHECKING:
     from lgmpc.runs import RunResult, SolveResult, Verdict
 
-__all__ = [
-    "err",
-    "out",
-    "plain_table",
-    "print_result",
-    "show_crash",
-    "show_error",
-    "show_interrupted",
-    "show_next",
-    "show_page",
-    "show_verdict",
-    "silence",
-]
+__all__ = ["err", "guarded", "out", "plain_table", "print_result", "show_next", "show_page", "show_verdict"]
 
 MOST_PROBLEMS = 10
 """Largest number of printed problems of one config."""
@@ -43,7 +41,7 @@ MOST_LINES = 20
 ISSUES_URL = "the project's issue tracker"
 
 
-def silence(stream: TextIO) -> None:
+def _silence(stream: TextIO) -> None:
     """Discard further output to ``stream``, including that at the exit of Python."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
@@ -63,7 +61,7 @@ class _ResultsConsole(_Console):
     def on_broken_pipe(self) -> None:
         """Discard what follows; rich would exit with code 1, a broken gate's."""
         self.quiet = True
-        silence(sys.stdout)
+        _silence(sys.stdout)
 
 
 def out() -> Console:
@@ -84,7 +82,7 @@ def plain_table(*headings: str) -> Table:
     return table
 
 
-def show_error(error: LgmpcError) -> None:
+def _show_error(error: LgmpcError) -> None:
     """Print an error of the user's input."""
     console = err()
     head, problems = _parts(error)
@@ -105,12 +103,12 @@ def _parts(error: LgmpcError) -> tuple[str, list[str]]:
     return str(error), []
 
 
-def show_interrupted() -> None:
+def _show_interrupted() -> None:
     """Print that the command was stopped and nothing was saved."""
     err().print("\nstopped; nothing was saved")
 
 
-def show_crash(error: Exception, report: Path | None) -> None:
+def _show_crash(error: Exception, report: Path | None) -> None:
     """Print an error of lgmpc itself, and the file with its details."""
     console = err()
     summary = " ".join(str(error).split())
@@ -145,3 +143,92 @@ def show_next(console: Console, path: Path, *others: tuple[str, str]) -> None:
     commands = (("play", "replay in the browser"), ("plot", "figures"), *others)
     for lead, (command, purpose) in zip(("next:", "", ""), commands, strict=False):
         console.print(Text(f"{lead:5} lgmpc {command} {argument}    ({purpose})"), style="dim")
+
+
+EXIT_CRASH, EXIT_INTERRUPTED, EXIT_HANGUP = 70, 130, 129
+"""Exit codes after an error of lgmpc itself (EX_SOFTWARE of sysexits.h), Ctrl-C, and the end of the terminal."""
+
+_OF_FILES = frozenset(
+    getattr(errno, name)
+    for name in ("EACCES", "EDQUOT", "EFBIG", "EISDIR", "ELOOP", "ENAMETOOLONG", "ENOSPC", "ENOTDIR", "EPERM", "EROFS")
+)
+"""Numbers of errors of files and folders that the user named, not of lgmpc."""
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, int | None]) -> Callable[P, None]:
+    """Run ``command``, exit with the code that it returns, and convert every exception to a message and an exit code.
+
+    The message of an :class:`LgmpcError` is printed, with its exit code; a signal gives 128 + its number, 130 for
+    Ctrl-C; a closed terminal is no error; a file that cannot be used and a full disk are errors of the input. The
+    traceback of any other exception is saved to a file, which the message names, and the exit code is 70.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            code = command(*args, **kwargs)
+            if code is not None:
+                raise typer.Exit(code)
+        except LgmpcError as error:
+            _show_error(error)
+            raise typer.Exit(error.exit_code) from error
+        except KeyboardInterrupt as error:
+            _show_interrupted()
+            raise typer.Exit(error.exit_code if isinstance(error, Interrupted) else EXIT_INTERRUPTED) from error
+        except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
+            _silence(sys.stdout)
+        except typer.Exit:
+            raise
+        except Exception as error:
+            if _terminal_is_gone():
+                _silence(sys.stdout)
+                _silence(sys.stderr)
+                raise typer.Exit(EXIT_HANGUP) from error
+            if _came_of_ctrl_c(error):
+                _show_interrupted()
+                raise typer.Exit(EXIT_INTERRUPTED) from error
+            if isinstance(error, OSError) and error.errno in _OF_FILES:
+                file = shortened(str(error.filename or "the output"))
+                _show_error(LgmpcError(f"{file} cannot be used: {str(error.strerror).lower()}"))
+                if error.errno == errno.ENOSPC:
+                    _silence(sys.stdout)
+                raise typer.Exit(LgmpcError.exit_code) from error
+            _show_crash(error, _save_traceback())
+            raise typer.Exit(EXIT_CRASH) from error
+
+    return run
+
+
+def _came_of_ctrl_c(error: BaseException | None) -> bool:
+    """Return whether a KeyboardInterrupt caused ``error``: Ctrl-C while a C++ module loads raises ImportError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _terminal_is_gone() -> bool:
+    """Return whether stderr is a closed terminal, to which Linux rejects even an empty write."""
+    try:
+        os.write(sys.stderr.fileno(), b"")
+    except OSError as error:
+        return error.errno == errno.EIO
+    return False
+
+
+def _save_traceback() -> Path | None:
+    """Write the traceback of the current exception and return its file; ``None`` if no folder can be written."""
+    stamp = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+    text = f"lgmpc {__version__}, Python {sys.version}\n{sys.argv}\n\n{traceback.format_exc()}"
+    from platformdirs import user_log_path
+
+    for folder in (user_log_path("lgmpc", appauthor=False), Path(tempfile.gettempdir())):
+        path = folder / f"crash-{stamp}-{os.getpid()}.txt"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError:
+            continue
+        return path
+    return None

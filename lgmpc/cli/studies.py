@@ -7,40 +7,60 @@ from typing import Annotated
 
 import typer
 
-from lgmpc.cli.failures import guarded
 from lgmpc.cli.options import (
     AsJson,
-    Changes,
     ConfigFile,
-    DaskAddress,
     MoreOverrides,
-    NewFolder,
     Overrides,
     Quiet,
-    Resume,
     RunsFolder,
-    SweepFile,
-    TunedKeys,
-    Workers,
     complete_config,
     complete_run,
+    complete_sweep,
 )
 
 __all__ = ["ablate", "compare", "sweep", "tune"]
 
+Workers = Annotated[
+    int | None, typer.Option(help="Worker processes; one for each processor if not given.", show_default=False)
+]
+Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
+Changes = Annotated[
+    list[str],
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value; may be repeated.", show_default=False),
+]
+NewFolder = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder of the results; named after CONFIG if not given.", show_default=False),
+]
 
-@guarded
+
 def sweep(
-    file: SweepFile,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SWEEP",
+            help="A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
+            show_default=False,
+            autocompletion=complete_sweep,
+        ),
+    ],
     more: MoreOverrides = [],  # noqa: B006
     overrides: Overrides = [],  # noqa: B006
     out: NewFolder = None,
     workers: Workers = None,
-    dask: DaskAddress = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute on a Dask cluster: the address of its scheduler (extra `dask`).",
+            show_default=False,
+        ),
+    ] = None,
     resume: Resume = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
+) -> int:
     """Run a config at many points: grids, random draws, paired variants, searches of a boundary.
 
     Every finished point is saved at once: --resume continues a stopped sweep.
@@ -49,13 +69,11 @@ def sweep(
     from lgmpc.sweeps import load_sweep
 
     loaded = load_sweep(file, [*overrides, *more])
-    from lgmpc.cli.sweeping import sweep_shown
+    from lgmpc.cli.sweeping import Job, sweep_shown
 
-    code = sweep_shown(loaded, out, workers=workers, dask=dask, resume=resume, as_json=as_json, quiet=quiet)
-    raise typer.Exit(code)
+    return sweep_shown(loaded, Job(out, workers, resume, as_json, quiet), dask)
 
 
-@guarded
 def compare(
     first: Annotated[
         str,
@@ -67,19 +85,17 @@ def compare(
     runs: RunsFolder = Path("runs"),
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show only the verdict.")] = False,
-) -> None:
+) -> int:
     """Compare two runs or two sweeps: configs, metrics, differences in pairs with 95 % intervals.
 
     Exit code 1 if B is worse than A: it fails where A passes, or a metric that the gate limits (for sweeps: the share
     that passes, the boundary) is worse by more than the margin; for sweeps also significantly so.
     """
-    from lgmpc.cli.comparing import compare_shown
+    from lgmpc.cli.sweeping import compare_shown
 
-    code = compare_shown(first, second, runs, margin=margin, metrics=tuple(metric), as_json=as_json, quiet=quiet)
-    raise typer.Exit(code)
+    return compare_shown(first, second, runs, margin=margin, metrics=tuple(metric), as_json=as_json, quiet=quiet)
 
 
-@guarded
 def ablate(
     config: ConfigFile,
     keys: Annotated[
@@ -98,20 +114,16 @@ def ablate(
     resume: Resume = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
+) -> int:
     """Run a config without each of its parts, in pairs with the complete one: the effect of each part.
 
     Parts that make the robot fail come first, then those that worsen a figure most, as a share of its limit.
     """
-    from lgmpc.cli.ablating import ablate_shown
+    from lgmpc.cli.sweeping import Job, ablate_shown
 
-    code = ablate_shown(
-        config, keys, overrides, out, seeds=seeds, workers=workers, resume=resume, as_json=as_json, quiet=quiet
-    )
-    raise typer.Exit(code)
+    return ablate_shown(config, keys, overrides, Job(out, workers, resume, as_json, quiet), seeds)
 
 
-@guarded
 def tune(
     source: Annotated[
         Path,
@@ -122,7 +134,16 @@ def tune(
             autocompletion=complete_config,
         ),
     ],
-    keys: TunedKeys = [],  # noqa: B006
+    keys: Annotated[
+        list[str],
+        typer.Option(
+            "--keys",
+            metavar="KEY...",
+            help="Keys to tune: KEY (a third to three times the present value), KEY=LOW:HIGH, KEY=LOW:HIGH:log, or "
+            "KEY=[A, B]. Vectors are scaled. More may follow, or the option again.",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006
     more: Annotated[list[str], typer.Argument(metavar="KEY", help="More keys.", hidden=True, show_default=False)] = [],  # noqa: B006
     objective: Annotated[
         str, typer.Option(help="A metric of the runs, `passed`, or for sweeps that bisect `boundary`.")
@@ -138,26 +159,13 @@ def tune(
     resume: Resume = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
-) -> None:
+) -> int:
     """Search values of keys that improve an objective without failing more points (package optuna).
 
     The result is compared with the present values on held-out points (other seeds, draws and directions) and written
     as a config with its provenance. Exit code 0 if it is better on those, 1 if not.
     """
-    from lgmpc.cli.tuning import tune_shown
+    from lgmpc.cli.sweeping import Job, tune_shown
 
-    code = tune_shown(
-        source,
-        [*keys, *more],
-        objective,
-        overrides,
-        out,
-        trials=trials,
-        seeds=seeds,
-        seed=seed,
-        workers=workers,
-        resume=resume,
-        as_json=as_json,
-        quiet=quiet,
-    )
-    raise typer.Exit(code)
+    job = Job(out, workers, resume, as_json, quiet)
+    return tune_shown(source, [*keys, *more], objective, overrides, job, trials=trials, seeds=seeds, seed=seed)

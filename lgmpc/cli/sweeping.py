@@ -1,74 +1,95 @@
-"""``lgmpc sweep``: progress of many runs, and the tables of their summary."""
+"""``lgmpc sweep``, ``ablate``, ``tune`` and ``compare``: progress of many runs, and the tables of their results."""
 
 from __future__ import annotations
 
 import json
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.display import counting_display, duration_words
+from lgmpc.cli.display import counting_display
 from lgmpc.cli.screen import err, out, plain_table
 from lgmpc.errors import Interrupted
-from lgmpc.runs import atomic_write, versions
+from lgmpc.runs import atomic_write, find_run, versions
+from lgmpc.runs.atomic import json_values
+from lgmpc.runs.figures import figure_words
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
+from lgmpc.sweeps.ablation import COMPLETE, Worth, ablation_sweep, worths
+from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
-from lgmpc.sweeps.summary import Summary
+from lgmpc.sweeps.summary import Summary, level_text
 from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, search_words
 
-__all__ = ["sweep_shown", "swept"]
+if TYPE_CHECKING:
+    from lgmpc.sweeps.study import Tuned
+    from lgmpc.sweeps.tuning import Score, TuningProblem
+
+__all__ = ["Job", "ablate_shown", "compare_shown", "sweep_shown", "tune_shown"]
 
 _MOST_REASONS = 5
+_ABLATION, _CHANGES = "ablation.json", 3
+_OF_LIMIT, _OF_ITSELF = 0.02, 0.2
+"""Smallest worsening displayed, as a share of the gate's limit; of the complete value where there is no limit."""
 
 
-def sweep_shown(
-    sweep: Sweep,
-    folder: Path | None,
-    *,
-    workers: int | None,
-    dask: str | None,
-    resume: bool,
-    as_json: bool,
-    quiet: bool,
-) -> int:
+@dataclass(frozen=True)
+class Job:
+    """Options of the commands that compute many runs, as the command line has them."""
+
+    folder: Path | None
+    workers: int | None
+    resume: bool
+    as_json: bool
+    quiet: bool
+
+
+def sweep_shown(sweep: Sweep, job: Job, dask: str | None) -> int:
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
-    finished = swept(sweep, folder, workers=workers, dask=dask, resume=resume, quiet=quiet)
-    folder, summary = finished.folder, finished.summary
+    finished = _swept(sweep, job, dask)
+    summary = finished.summary
     content = summary.content() | {"versions": dict(versions())}
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    with atomic_write(folder / SUMMARY) as stream:
-        stream.write(text.encode())
-    figure = draw_sweep(sweep, finished.rows, summary, folder)
-    if as_json:
-        print(json.dumps({"folder": str(folder), **content}, indent=2))
+    _write(finished.folder / SUMMARY, content)
+    figure = draw_sweep(sweep, finished.rows, summary, finished.folder)
+    if job.as_json:
+        print(json.dumps({"folder": str(finished.folder), **content}, indent=2))
     else:
-        _show(out(), finished, summary, figure, quiet=quiet)
+        _show_sweep(out(), finished, summary, figure, quiet=job.quiet)
     if finished.signal is not None:
         return Interrupted(finished.signal).exit_code
     return 0 if summary.passed else 1
 
 
-def swept(
-    sweep: Sweep,
-    folder: Path | None,
-    *,
-    workers: int | None,
-    resume: bool,
-    quiet: bool,
-    dask: str | None = None,
-) -> FinishedSweep:
+def _swept(sweep: Sweep, job: Job, dask: str | None = None) -> FinishedSweep:
     """Run a sweep, showing its progress."""
     total = len({point.key for point in sweep.points})
-    with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=quiet) as display:
-        compute = partial(run_sweep, sweep, folder, workers=workers, dask=dask, resume=resume)
+    with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=job.quiet) as display:
+        compute = partial(run_sweep, sweep, job.folder, workers=job.workers, dask=dask, resume=job.resume)
         return compute(notify=display.announce, progress=display.advance)
 
 
-def _show(console: Console, finished: FinishedSweep, summary: Summary, figure: Path | None, *, quiet: bool) -> None:
+def _state(now: SweepProgress) -> tuple[int, str]:
+    failed = f"  {now.failed} not passed" if now.failed else ""
+    return now.done, failed + ("" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core")
+
+
+def _write(file: Path, content: object) -> None:
+    with atomic_write(file) as stream:
+        stream.write((json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
+
+
+def _show_sweep(
+    console: Console, finished: FinishedSweep, summary: Summary, figure: Path | None, *, quiet: bool
+) -> None:
     if not quiet:
         metrics = finished.sweep.settings.metrics
         console.print(_table(group_table(summary, metrics)))
@@ -103,8 +124,176 @@ def _table(table: TextTable) -> Table:
     return shown
 
 
-def _state(now: SweepProgress) -> str:
-    failed = f"  {now.failed} not passed" if now.failed else ""
-    rest = "" if now.remaining_s is None else f"  about {duration_words(now.remaining_s)} left"
-    speed = "" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core"
-    return f"{failed}{rest}{speed}"
+def ablate_shown(config: Path, keys: Sequence[str], overrides: Sequence[str], job: Job, seeds: int) -> int:
+    """Run the ablation, print its table, and return the exit code: 0 if all that was run has a verdict."""
+    sweep, parts = ablation_sweep(config, keys, overrides, seeds=seeds)
+    finished = _swept(sweep, job)
+    if finished.signal is not None:
+        out().print(Text("INTERRUPTED  the same command with --resume continues", "bold yellow"))
+        return Interrupted(finished.signal).exit_code
+    found, summary = worths(sweep, finished.rows, parts), finished.summary
+    complete = next(group for group in summary.groups if group.labels.get("variant") == COMPLETE).passed
+    content = {"complete": json_values(asdict(complete)), "parts": [json_values(asdict(each)) for each in found]}
+    _write(finished.folder / _ABLATION, content)
+    if job.as_json:
+        print(json.dumps({"folder": str(finished.folder), **content}, indent=2))
+    else:
+        _show_worths(out(), found, complete.value)
+        for reason, count in summary.broken.items():
+            out().print(Text(f"{count} x {reason}", "yellow"))
+        if not job.quiet:
+            out().print(Text(f"saved in {finished.folder} ({_ABLATION}, results.jsonl)", "dim"))
+    return 1 if summary.broken else 0
+
+
+def _show_worths(console: Console, found: Sequence[Worth], complete: float) -> None:
+    table = plain_table("without", "description", "passed", "what gets worse (complete, without it, limit)")
+    table.add_row("nothing", "the complete controller", f"{100.0 * complete:.3g} %", "", style="bold")
+    for each in found:
+        passed = "-" if math.isnan(each.passed.value) else f"{100.0 * each.passed.value:.3g} %"
+        worse = [
+            _change_words(change)
+            for change in each.changes
+            if (change.worsening or 0.0) >= (_OF_ITSELF if change.limit is None else _OF_LIMIT)
+        ]
+        words = Text("; ".join(worse[:_CHANGES]) or "nothing significant")
+        table.add_row(Text(each.part.name), each.part.words, Text(passed, "red" if each.lost > 0.0 else ""), words)
+    console.print(table)
+
+
+def _change_words(change: Quantity) -> str:
+    name, unit, scale = figure_words(change.name.rpartition(".")[2])
+    limit = "" if change.limit is None else f", limit {scale * change.limit:.3g}"
+    first, second = scale * (change.first or 0.0), scale * (change.second or 0.0)
+    return f"{name} {first:.3g} became {second:.3g} {unit}".rstrip() + limit
+
+
+def tune_shown(
+    source: Path,
+    keys: Sequence[str],
+    objective: str,
+    overrides: Sequence[str],
+    job: Job,
+    *,
+    trials: int,
+    seeds: int | None,
+    seed: int,
+) -> int:
+    """Tune, print the gain, and return the exit code: 0 if there is one on the held-out points."""
+    from lgmpc.sweeps.study import tune
+    from lgmpc.sweeps.tuning import tuning_problem
+
+    problem = tuning_problem(source, keys, objective, overrides=overrides, seeds=seeds)
+    folder = job.folder or Path("tuning") / source.stem
+    more: dict[str, Any] = {
+        "workers": job.workers,
+        "resume": job.resume,
+        "command": shlex.join(["lgmpc", *sys.argv[1:]]),
+    }
+    try:
+        with counting_display(err(), trials, "trials", _scores, quiet=job.quiet) as display:
+            notify, progress = display.announce, display.advance
+            found = tune(problem, folder, trials=trials, seed=seed, notify=notify, progress=progress, **more)
+    except Interrupted as error:
+        return _interrupted(error, 0)
+    if job.as_json:
+        signal = None if found.signal is None else found.signal.name
+        content = asdict(found) | {"files": list(map(str, found.files)), "signal": signal}
+        print(json.dumps({"folder": str(folder), **json_values(content)}, indent=2))
+    else:
+        _show_tuned(out(), problem, found)
+    if found.signal is not None:
+        return _interrupted(Interrupted(found.signal), found.trials)
+    return 0 if found.gained else 1
+
+
+def _scores(now: Tuned) -> tuple[int, str]:
+    return now.trials, f"  initial {now.initial}  best {now.best}"
+
+
+def _interrupted(error: Interrupted, trials: int) -> int:
+    words = f"INTERRUPTED  after {trials} trials: the same command with --resume continues"
+    err().print(Text(words, "bold yellow"))
+    return error.exit_code
+
+
+def _show_tuned(console: Console, problem: TuningProblem, found: Tuned) -> None:
+    first, second, difference = found.initial_held_out, found.best_held_out, found.difference
+    table = plain_table("", "initial", f"best (trial {found.trial} of {found.trials})")
+    for each in problem.dimensions:
+        table.add_row(each.key, level_text(each.value(each.initial)), level_text(found.values[each.key]))
+    name = problem.objective
+    table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", str(found.initial), str(found.best))
+    table.add_row(f"{name}, {len(problem.held_out.points)} held-out points", _score(first), _score(second))
+    console.print(table)
+    if difference is not None:
+        console.print(Text(f"mean difference in pairs on the held-out points: {difference}"))
+    if found.initial == first and found.best == second:
+        console.print(Text("the held-out points gave the same: nothing is random. Tune over a sweep", "yellow"))
+    if first is not None and second is not None:
+        word, style = ("GAINED", "bold green") if found.gained else ("NO GAIN", "bold red")
+        console.print(Text.assemble((word, style), "  on held-out points"))
+        chance = difference is not None and difference.low <= 0.0 <= difference.high
+        if found.gained and chance and first.passed == second.passed:
+            console.print(Text("the interval contains 0: tune over more points (samples.count, --seeds)", "yellow"))
+    for file in found.files:
+        console.print(Text(f"saved in {file}"))
+
+
+def _score(score: Score | None) -> str:
+    return "-" if score is None else str(score)
+
+
+def compare_shown(
+    first: str, second: str, runs: Path, *, margin: float, metrics: tuple[str, ...], as_json: bool, quiet: bool
+) -> int:
+    """Compare two runs or sweeps, print the tables, and return the exit code."""
+    folders = [Path(text) if is_sweep(Path(text)) else find_run(text, runs) for text in (first, second)]
+    found = compare_folders(*folders, margin=margin, metrics=metrics)
+    if as_json:
+        print(json.dumps(found.content(), indent=2, allow_nan=False))
+    else:
+        _show_comparison(out(), found, quiet=quiet)
+    return 1 if found.worse else 0
+
+
+def _show_comparison(console: Console, found: Comparison, *, quiet: bool) -> None:
+    if not quiet:
+        console.print(Text(f"A  {found.first}\nB  {found.second}", "dim"))
+        if found.differences:
+            table = plain_table("key", "A", "B")
+            for each in found.differences:
+                table.add_row(each.key, _value(each.first), _value(each.second))
+            console.print(table)
+        else:
+            console.print("the configs are the same", style="dim")
+        table = plain_table("quantity", "A", "B", "B - A", "")
+        for quantity in found.quantities:
+            table.add_row(*_cells(quantity))
+        console.print(table)
+    word, style = ("WORSE", "bold red") if found.worse else ("NOT WORSE", "bold green")
+    console.print(Text.assemble((word, style), f"  B, beyond a margin of {100.0 * found.margin:g} %"))
+    for reason in found.reasons:
+        console.print(Text(f"  - {reason}"))
+
+
+def _cells(quantity: Quantity) -> tuple[str, str, str, str, Text]:
+    change, mark = "-", Text()
+    if quantity.difference is not None:
+        change = str(quantity.difference)
+    elif quantity.first is not None and quantity.second is not None:
+        change = f"{quantity.second - quantity.first:+.3g}"
+    if quantity.worse:
+        mark = Text("worse", "bold red")
+    elif quantity.worsening is not None:
+        mark = Text("ok", "green")
+    return quantity.name, _value(quantity.first), _value(quantity.second), change, mark
+
+
+def _value(value: object) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return "-" if math.isnan(value) else f"{value:.4g}"
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError
-from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.shipped import config_file
 from lgmpc.sweeps.bisection import value_at
@@ -84,20 +83,6 @@ class Worth:
     passed: Estimate
     lost: float
     changes: tuple[Quantity, ...]
-
-    @property
-    def limited_worsening(self) -> float:
-        """Largest worsening of a metric that the gate limits, as a share of the limit."""
-        return max((each.worsening or 0.0 for each in self.changes if each.limit is not None), default=0.0)
-
-    def content(self) -> dict[str, Any]:
-        """Return it as plain values for JSON."""
-        changes = [
-            {"quantity": each.name, "complete": each.first, "without": each.second}
-            | {"limit": each.limit, "worsening": each.worsening}
-            for each in self.changes
-        ]
-        return {**json_values(asdict(replace(self, changes=()))), "changes": json_values(changes)}
 
 
 def parts_of(config: Config, wanted: Sequence[str]) -> tuple[Part, ...]:
@@ -201,7 +186,11 @@ def worths(sweep: Sweep, rows: Mapping[str, Row], parts: Sequence[Part]) -> tupl
         parts: the removed parts.
     """
     found = [_worth(sweep, rows, part) for part in parts]
-    return tuple(sorted(found, key=lambda each: (-each.lost, -each.limited_worsening)))
+    return tuple(sorted(found, key=lambda each: (-each.lost, -_worst(each.changes))))
+
+
+def _worst(changes: Sequence[Quantity]) -> float:
+    return max((each.worsening or 0.0 for each in changes if each.limit is not None), default=0.0)
 
 
 def _worth(sweep: Sweep, rows: Mapping[str, Row], part: Part) -> Worth:

@@ -245,8 +245,7 @@ def _unit_cube(method: str, count: int, width: int, rng: np.random.Generator) ->
     """
     cube = rng.random((count, width))
     if method == "latin_hypercube":
-        parts = np.column_stack([rng.permutation(count) for _ in range(width)])
-        cube = (parts + cube) / count
+        cube = (np.column_stack([rng.permutation(count) for _ in range(width)]) + cube) / count
     return cube
 
 

@@ -7,7 +7,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
-from time import perf_counter
 from typing import Any
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
@@ -33,40 +32,29 @@ class SweepProgress:
         total: number of points.
         done: finished points, those of earlier sessions included.
         failed: finished points that did not pass.
-        new: points finished in this session.
         simulated_s: simulated time in this session, s.
         computed_s: computing time of all workers in this session, s.
-        elapsed_s: time since this session began, s.
     """
 
     total: int
     done: int
     failed: int
-    new: int = 0
     simulated_s: float = 0.0
     computed_s: float = 0.0
-    elapsed_s: float = 0.0
-
-    @property
-    def remaining_s(self) -> float | None:
-        """Estimate of the time until the end; ``None`` before the first point."""
-        return self.elapsed_s / self.new * (self.total - self.done) if self.new else None
 
     @property
     def speed(self) -> float | None:
         """Simulated seconds per second and core; ``None`` before the first point."""
         return self.simulated_s / self.computed_s if self.computed_s > 0.0 else None
 
-    def after(self, row: Row, elapsed_s: float) -> SweepProgress:
+    def after(self, row: Row) -> SweepProgress:
         """Return the progress with one more point finished."""
         return replace(
             self,
             done=self.done + 1,
             failed=self.failed + (not row.passed),
-            new=self.new + 1,
             simulated_s=self.simulated_s + row.simulated_s,
             computed_s=self.computed_s + row.elapsed_s,
-            elapsed_s=elapsed_s,
         )
 
 
@@ -172,7 +160,6 @@ class _Session:
     def __init__(self, sweep: Sweep, folder: SweepFolder, progress: Callable[[SweepProgress], None]) -> None:
         self._settings, self._folder, self._progress = sweep.settings, folder, progress
         self._points = {point.key: point for point in sweep.points}
-        self._started = perf_counter()
         done = self.finished()
         self.now = SweepProgress(len(self._points), len(done), sum(not row.passed for row in done.values()))
 
@@ -187,7 +174,6 @@ class _Session:
         # A config of each base and variant, whose functions are compiled once instead of by every worker.
         typical = {(point.base, point.variant): point.config for point in reversed(self._points.values())}
         list(pool.map(warm, typical.values(), workers=1))
-        self._started = perf_counter()
         notify("running")
         for task, result in pool.map(compute, self._tasks()):
             with stop.held():
@@ -213,4 +199,4 @@ class _Session:
             result, log=log, base=point.base, variant=point.variant, levels=dict(point.levels), draw=point.draw
         )
         self._folder.append(row)
-        self.now = self.now.after(row, perf_counter() - self._started)
+        self.now = self.now.after(row)

@@ -11,12 +11,16 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
-from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import optuna
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
 
 from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.loading import dump_config
-from lgmpc.errors import InputError, Interrupted, MissingDependencyError, RunFolderError
+from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.notebook import reports
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps.design import Sweep
@@ -27,29 +31,7 @@ from lgmpc.sweeps.statistics import Estimate, mean_difference
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 from lgmpc.sweeps.tuning import Score, TuningProblem
 
-if TYPE_CHECKING:
-    import optuna
-
-__all__ = ["Tuned", "TuningProgress", "tune"]
-
-
-@dataclass(frozen=True)
-class TuningProgress:
-    """Progress of a tuning.
-
-    Attributes:
-        done: finished trials.
-        total: number of trials.
-        initial: score of the initial values.
-        best: score of the best values so far.
-        remaining_s: estimate of the time until the last trial is finished, s.
-    """
-
-    done: int
-    total: int
-    initial: Score
-    best: Score
-    remaining_s: float
+__all__ = ["Tuned", "tune"]
 
 
 @dataclass(frozen=True)
@@ -93,7 +75,7 @@ def tune(
     resume: bool = False,
     command: str = "lgmpc.sweeps.study.tune",
     notify: Callable[[str], None] | None = None,
-    progress: Callable[[TuningProgress], None] | None = None,
+    progress: Callable[[Tuned], None] | None = None,
 ) -> Tuned:
     """Search values with a better objective than the initial ones, without failing more points.
 
@@ -108,13 +90,13 @@ def tune(
         resume: whether to continue in an existing folder.
         command: command noted in the results.
         notify: called with a description of the present step.
-        progress: called after every trial. In a notebook a bar displays both unless either is given.
+        progress: called with the result so far after every trial. In a notebook a bar displays both unless either is
+            given.
 
     Raises:
         InputError: ``trials`` or ``workers`` is below 1.
         RunFolderError: the folder exists and ``resume`` is false, it contains another tuning, cannot be written, or
             the initial values have no score.
-        MissingDependencyError: if optuna is not installed.
         Interrupted: by a signal before the first trial is finished.
     """
     for name, number in (("trials", trials), ("workers", 1 if workers is None else workers)):
@@ -123,7 +105,10 @@ def tune(
     count, limit = workers or available_cores(), problem.tuned.settings.time_limit_s
     with (
         _open_study(problem, folder, seed, resume) as study,
-        reports(notify, progress, _counted) as (announce, advance),
+        reports(notify, progress, lambda now: (now.trials / trials, f"{now.trials} of {trials} trials")) as (
+            announce,
+            advance,
+        ),
     ):
         search = _Search(problem, folder, study)
         try:
@@ -142,19 +127,9 @@ def tune(
             shutil.rmtree(folder / "scratch", ignore_errors=True)
 
 
-def _counted(now: TuningProgress) -> tuple[float, str]:
-    return now.done / now.total, f"{now.done} of {now.total} trials"
-
-
 @contextmanager
 def _open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) -> Iterator[optuna.Study]:
     """Open the journal of a tuning; trials that were running when it was stopped are marked as failed."""
-    try:
-        import optuna
-        from optuna.storages import JournalStorage
-        from optuna.storages.journal import JournalFileBackend
-    except ImportError as error:
-        raise MissingDependencyError("optuna", "lgmpc tune", 'pip install "lgmpc[tune]"') from error
     open_folder(folder, "tuning.yaml", problem.document(), resume=resume)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", category=optuna.exceptions.ExperimentalWarning)
@@ -162,16 +137,16 @@ def _open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) -
         study = optuna.create_study(
             storage=JournalStorage(JournalFileBackend(str(folder / "journal.log"))),
             study_name=problem.name,
-            direction="maximize" if problem.objective.maximized else "minimize",
+            direction="maximize" if problem.maximized else "minimize",
             load_if_exists=True,
         )
         there = study.get_trials(deepcopy=False)
         # Seeded by the number of trials too, so that a resumed search does not repeat itself.
         study.sampler = optuna.samplers.TPESampler(seed=seed + len(there), multivariate=True)
         for trial in there:
-            if trial.state == optuna.trial.TrialState.RUNNING:
-                study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
-        if not any(trial.state == optuna.trial.TrialState.COMPLETE for trial in there):
+            if trial.state == TrialState.RUNNING:
+                study.tell(trial.number, state=TrialState.FAIL)
+        if not any(trial.state == TrialState.COMPLETE for trial in there):
             study.enqueue_trial(problem.initial)
         yield study
 
@@ -187,8 +162,6 @@ class _Search:
 
         One that was killed between the writing of its attributes and of its state has none.
         """
-        from optuna.trial import TrialState
-
         trials = self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         return [(Score(float(each.user_attrs["passed"]), float(each.user_attrs["value"])), each) for each in trials]
 
@@ -200,60 +173,43 @@ class _Search:
     def found(self) -> Tuned:
         """Return the result so far, without held-out points."""
         scored = self.scored()
-        best, trial = max(scored, key=lambda each: self._problem.objective.rank(each[0]))
+        best, trial = max(scored, key=lambda each: self._problem.rank(each[0]))
         values = {each.key: each.value(trial.params[each.key]) for each in self._problem.dimensions}
         return Tuned(trial.number, self.done(), values, scored[0][0], best)
 
-    def run(
-        self, pool: Pool, stop: StopSignals, trials: int, workers: int, progress: Callable[[TuningProgress], None]
-    ) -> None:
+    def run(self, pool: Pool, stop: StopSignals, trials: int, workers: int, progress: Callable[[Tuned], None]) -> None:
         """Run trials up to their number, several at once if one does not occupy all workers."""
         together = max(1, workers // len(self._problem.tuned.points))
-        started, earlier = perf_counter(), self.done()
+        distributions = {each.key: each.distribution for each in self._problem.dimensions}
         while (missing := trials - self.done()) > 0:
-            asked = [self._study.ask() for _ in range(min(together, missing) if self.scored() else 1)]
-            values = {trial.number: self._proposed(trial) for trial in asked}
-            rows = self._compute(pool, self._problem.tuned, values)
+            asked = [self._study.ask(distributions) for _ in range(min(together, missing) if self.scored() else 1)]
+            rows = self._compute(pool, self._problem.tuned, {trial.number: trial.params for trial in asked})
             for trial in asked:
                 with stop.held():
                     self._record(trial, rows[trial.number])
-                now = self.found()
-                remaining_s = (perf_counter() - started) / (now.trials - earlier) * (trials - now.trials)
-                progress(TuningProgress(now.trials, trials, now.initial, now.best, remaining_s))
+                progress(self.found())
 
     def judged(self, pool: Pool, command: str) -> Tuned:
         """Compare the best values with the initial ones on the held-out points, and write the best configs."""
-        objective, found = self._problem.objective, self.found()
+        problem, found = self._problem, self.found()
         params = self._study.get_trials(deepcopy=False)[found.trial].params
-        initial, best = self._compute(pool, self._problem.held_out, {0: self._problem.initial, 1: params}).values()
-        first, second = objective.score(initial), objective.score(best)
-        pairs = paired(zip(initial, best, strict=True)).get(objective.name, [])
-        bases = list(self._problem.bases())
+        initial, best = self._compute(pool, problem.held_out, {0: problem.initial, 1: params}).values()
+        first, second = problem.score(initial), problem.score(best)
+        pairs = paired(zip(initial, best, strict=True)).get(problem.objective, [])
+        bases = list(problem.bases())
         names = ["best.yaml"] if len(bases) == 1 else [f"best-{base.name}.yaml" for base in bases]
         found = replace(
             found,
             initial_held_out=first,
             best_held_out=second,
             difference=mean_difference([b - a for a, b in pairs]) if pairs else None,
-            gained=objective.rank(second) > objective.rank(first),
+            gained=problem.rank(second) > problem.rank(first),
             files=tuple(self._folder / name for name in names),
         )
         for base, file in zip(bases, found.files, strict=True):
-            head = "".join(f"# {line}\n" for line in _provenance(self._problem, found, base.name, command))
+            head = "".join(f"# {line}\n" for line in _provenance(problem, found, base.name, command))
             with atomic_write(file) as stream:
-                stream.write((head + dump_config(self._problem.apply(base, params))).encode())
-        return found
-
-    def _proposed(self, trial: optuna.Trial) -> dict[str, Any]:
-        """Return the numbers and choices that the sampler proposes, by their keys."""
-        found: dict[str, Any] = {}
-        for each in self._problem.dimensions:
-            if each.choices:
-                found[each.key] = trial.suggest_categorical(each.key, list(each.choices))
-            elif each.whole:
-                found[each.key] = trial.suggest_int(each.key, int(each.low), int(each.high), log=each.logarithmic)
-            else:
-                found[each.key] = trial.suggest_float(each.key, each.low, each.high, log=each.logarithmic)
+                stream.write((head + dump_config(problem.apply(base, params))).encode())
         return found
 
     def _compute(self, pool: Pool, sweep: Sweep, values: Mapping[int, Mapping[str, Any]]) -> dict[int, list[Row]]:
@@ -274,14 +230,11 @@ class _Search:
         return rows
 
     def _record(self, trial: optuna.Trial, rows: Sequence[Row]) -> None:
-        from optuna.trial import TrialState
-
-        score, scored = self._problem.objective.score(rows), self.scored()
+        score, scored = self._problem.score(rows), self.scored()
         if math.isnan(score.value):
             if not scored:
                 reason = next(("; ".join(row.reasons) for row in rows if row.reasons), "nothing was measured")
-                name = self._problem.objective.name
-                raise RunFolderError(f"the initial values have no {name} at any point: {reason}")
+                raise RunFolderError(f"the initial values have no {self._problem.objective} at any point: {reason}")
             trial.set_user_attr("unmeasured", True)
             self._study.tell(trial, state=TrialState.FAIL)
             return
@@ -293,7 +246,7 @@ class _Search:
 
 def _provenance(problem: TuningProblem, found: Tuned, base: str, command: str) -> Iterator[str]:
     """Yield the lines of the comment that heads a best config."""
-    name = problem.objective.name
+    name = problem.objective
     yield f"{base}, tuned: trial {found.trial} of {found.trials} of"
     yield f"  {command}"
     for each in problem.dimensions:

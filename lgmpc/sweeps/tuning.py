@@ -12,7 +12,7 @@ from typing import Any
 from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
 from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, MissingDependencyError
 from lgmpc.runs import metric_names
 from lgmpc.shipped import config_file, shipped_sweeps, sweep_file
 from lgmpc.sweeps.bisection import scaled, value_at
@@ -21,8 +21,12 @@ from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import Directions
 
-__all__ = ["Dimension", "Objective", "Score", "TuningProblem", "parse_dimension", "parse_dimensions", "tuning_problem"]
+try:
+    from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+except ImportError as error:
+    raise MissingDependencyError("optuna", "lgmpc tune", 'pip install "lgmpc[tune]"') from error
 
+__all__ = ["Dimension", "Score", "TuningProblem", "parse_dimension", "tuning_problem"]
 
 _SPREAD = 3.0
 """Factor of the default range of a key, from a third of the present value to three times it."""
@@ -35,40 +39,37 @@ class Dimension:
     Attributes:
         key: dotted key.
         present: the present value.
-        low: lower end of the range; unused with choices.
-        high: upper end of the range.
-        logarithmic: whether the range is sampled logarithmically.
-        choices: values instead of a range; empty for a range.
+        distribution: range or choices of the tried values.
     """
 
     key: str
     present: Any
-    low: float = math.nan
-    high: float = math.nan
-    logarithmic: bool = False
-    choices: tuple[Any, ...] = ()
+    distribution: BaseDistribution
 
     @property
     def initial(self) -> Any:
         """The number or choice that leaves the key as it is: the present value, or 1 if a vector is scaled."""
-        return 1.0 if isinstance(self.present, (list, tuple)) else self.present
+        return _initial(self.present)
 
     @property
-    def whole(self) -> bool:
-        """Whether only whole numbers are tried."""
-        return isinstance(self.initial, int)
+    def ends(self) -> tuple[Any, ...]:
+        """The choices, or the ends of the range."""
+        kind: Any = self.distribution
+        return tuple(kind.choices) if isinstance(kind, CategoricalDistribution) else (kind.low, kind.high)
 
     def value(self, number: Any) -> Any:
         """Return the value that the key gets from a number of the range, or from a choice."""
         return [number * each for each in self.present] if isinstance(self.present, (list, tuple)) else number
 
-    def apply(self, config: Config, value: Any) -> Config:
-        """Return a config with a number of the range, or a choice, at the key.
+    def apply(self, config: Config, number: Any) -> Config:
+        """Return a config with a number of the range, or a choice, at the key; raise InputError if it is refused."""
+        if isinstance(self.distribution, CategoricalDistribution):
+            return config.replace({self.key: number})
+        return scaled(config, self.key, number)
 
-        Raises:
-            InputError: the config refuses it.
-        """
-        return config.replace({self.key: value}) if self.choices else scaled(config, self.key, value)
+
+def _initial(present: Any) -> Any:
+    return 1.0 if isinstance(present, (list, tuple)) else present
 
 
 @dataclass(frozen=True)
@@ -88,49 +89,20 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Objective:
-    """The objective, optimised subject to at least as many passing points as with the initial values.
-
-    Attributes:
-        name: a metric, ``boundary``, or ``passed``.
-    """
-
-    name: str
-
-    @property
-    def maximized(self) -> bool:
-        """Whether larger values are better."""
-        return higher_is_better(self.name)
-
-    def score(self, rows: Sequence[Row]) -> Score:
-        """Return the score of finished points."""
-        passed = sum(row.passed for row in rows) / len(rows)
-        measured = (row.quantities.get(self.name) for row in rows)
-        values = [value for value in measured if value is not None and math.isfinite(value)]
-        return Score(passed, math.fsum(values) / len(values) if values else math.nan)
-
-    def rank(self, score: Score) -> tuple[float, float]:
-        """Return a rank, higher for a better score: more points pass, or as many with a better value."""
-        if math.isnan(score.value):
-            return score.passed, -math.inf
-        return score.passed, score.value if self.maximized else -score.value
-
-
-@dataclass(frozen=True)
 class TuningProblem:
-    """Keys, points and objective.
+    """Keys, points and objective, subject to at least as many passing points as with the initial values.
 
     Attributes:
         name: name of the config or sweep.
         dimensions: the tuned keys.
-        objective: the objective.
+        objective: a metric, ``boundary``, or ``passed``.
         tuned: the points of the trials.
         held_out: points of the same kind with other seeds, draws and directions, not used in trials.
     """
 
     name: str
     dimensions: tuple[Dimension, ...]
-    objective: Objective
+    objective: str
     tuned: Sweep
     held_out: Sweep
 
@@ -139,12 +111,26 @@ class TuningProblem:
         """The numbers and choices, by their keys, that leave the configs as they are."""
         return {each.key: each.initial for each in self.dimensions}
 
-    def apply(self, config: Config, values: Mapping[str, Any]) -> Config:
-        """Return a config with the numbers and choices of a trial.
+    @property
+    def maximized(self) -> bool:
+        """Whether larger values of the objective are better."""
+        return higher_is_better(self.objective)
 
-        Raises:
-            InputError: a value is invalid in the config.
-        """
+    def score(self, rows: Sequence[Row]) -> Score:
+        """Return the score of finished points."""
+        measured = (row.quantities.get(self.objective) for row in rows)
+        values = [value for value in measured if value is not None and math.isfinite(value)]
+        mean = math.fsum(values) / len(values) if values else math.nan
+        return Score(sum(row.passed for row in rows) / len(rows), mean)
+
+    def rank(self, score: Score) -> tuple[float, float]:
+        """Return a rank, higher for a better score: more points pass, or as many with a better value."""
+        if math.isnan(score.value):
+            return score.passed, -math.inf
+        return score.passed, score.value if self.maximized else -score.value
+
+    def apply(self, config: Config, values: Mapping[str, Any]) -> Config:
+        """Return a config with the numbers and choices of a trial; raise InputError if one is invalid in it."""
         for each in self.dimensions:
             config = each.apply(config, values[each.key])
         return config
@@ -156,14 +142,8 @@ class TuningProblem:
 
     def document(self) -> dict[str, Any]:
         """Return the data that identify the problem, as plain values."""
-        return {
-            "tuned": self.tuned.settings.model_dump(mode="json"),
-            "objective": self.objective.name,
-            "keys": {
-                each.key: list(each.choices) or [each.low, each.high, "log" if each.logarithmic else "linear"]
-                for each in self.dimensions
-            },
-        }
+        keys = {each.key: str(each.distribution) for each in self.dimensions}
+        return {"tuned": self.tuned.settings.model_dump(mode="json"), "objective": self.objective, "keys": keys}
 
 
 def tuning_problem(
@@ -180,7 +160,8 @@ def tuning_problem(
 
     Raises:
         ConfigError: config or sweep cannot be read or used.
-        InputError: a key, the objective or ``seeds`` cannot be used.
+        InputError: a key, the objective or ``seeds`` cannot be used; a key is named twice, or its present values
+            differ between the points.
     """
     sweep = _is_sweep(source)
     if seeds is not None and (sweep or seeds < 1):
@@ -191,16 +172,24 @@ def tuning_problem(
     searched = tuned.settings.bisect is not None
     known = ["boundary"] if searched else ["passed", *metric_names()]
     if objective not in known:
-        raise InputError(
-            "objective", objective, "boundary" if searched else "a metric of a run, or passed", known, word=objective
-        )
-    problem = TuningProblem(tuned.settings.name, (), Objective(objective), tuned, held_out)
+        raise InputError("objective", objective, "boundary" if searched else "a metric of a run, or passed", known)
+    problem = TuningProblem(tuned.settings.name, (), objective, tuned, held_out)
     configs = [*(point.config for point in tuned.points), *problem.bases()]
-    dimensions = parse_dimensions(configs, keys)
-    problem = replace(problem, dimensions=dimensions)
-    for each in dimensions:
-        for end in each.choices or (each.low, each.high):
-            problem.apply(tuned.points[0].config, {**problem.initial, each.key: end})
+    found: dict[str, Dimension] = {}
+    for text in keys:
+        dimension = parse_dimension(configs[0], text)
+        key = dimension.key
+        if key in found:
+            raise InputError(key, "the key twice", "each key to tune once")
+        there = {repr(value): str(value) for value in (value_at(each, key) for each in configs)}
+        if len(there) > 1:
+            words = f"{', '.join(list(there.values())[:3])} at different points"
+            raise InputError(key, words, "a key with one present value at all points")
+        found[key] = dimension
+    problem = replace(problem, dimensions=tuple(found.values()))
+    for each in problem.dimensions:
+        for end in each.ends:
+            problem.apply(configs[0], {**problem.initial, each.key: end})
     return problem
 
 
@@ -218,7 +207,6 @@ def _is_sweep(source: str | Path) -> bool:
 def _sweep_pair(source: str | Path, overrides: Sequence[str]) -> tuple[Sweep, Sweep]:
     """Return a sweep, and the same with other draws or seeds, and with directions between its directions."""
     sweep = load_sweep(source, list(overrides))
-    folder = sweep_file(source).resolve().parent
     document = sweep.settings.model_dump(mode="json", exclude_none=True)
     samples = document.get("samples")
     if samples is not None:
@@ -228,11 +216,12 @@ def _sweep_pair(source: str | Path, overrides: Sequence[str]) -> tuple[Sweep, Sw
     for factor, written in zip(sweep.settings.factors, document["factors"], strict=True):
         if isinstance(factor, Directions):
             written["start_deg"] = factor.start_deg + 180.0 / factor.count
+    folder = sweep_file(source).resolve().parent
     return sweep, parse_sweep(write_yaml(document), name=f"{source}, held out", folder=folder)
 
 
 def _config_pair(source: str | Path, overrides: Sequence[str], seeds: int) -> tuple[Sweep, Sweep]:
-    config = load_config(source, list(overrides))
+    first = load_config(source, list(overrides)).seed
 
     def over(first: int) -> Sweep:
         document = {
@@ -243,31 +232,7 @@ def _config_pair(source: str | Path, overrides: Sequence[str], seeds: int) -> tu
         }
         return parse_sweep(write_yaml(document), name=f"the tuning of {source}")
 
-    return over(config.seed), over(config.seed + seeds)
-
-
-def parse_dimensions(configs: Sequence[Config], texts: Sequence[str]) -> tuple[Dimension, ...]:
-    """Parse keys to tune, each with one present value in all configs.
-
-    Args:
-        configs: the configs to tune.
-        texts: see :func:`parse_dimension`.
-
-    Raises:
-        InputError: as :func:`parse_dimension`; a key is named twice, or its values differ between the configs.
-    """
-    found: dict[str, Dimension] = {}
-    for text in texts:
-        dimension = parse_dimension(configs[0], text)
-        key = dimension.key
-        if key in found:
-            raise InputError(key, "the key twice", "each key to tune once")
-        there = {repr(value): value for value in (value_at(each, key) for each in configs)}
-        if len(there) > 1:
-            values = ", ".join(map(str, list(there.values())[:3]))
-            raise InputError(key, f"{values} at different points", "a key with one present value at all points")
-        found[key] = dimension
-    return tuple(found.values())
+    return over(first), over(first + seeds)
 
 
 def parse_dimension(config: Config, text: str) -> Dimension:
@@ -288,31 +253,31 @@ def parse_dimension(config: Config, text: str) -> Dimension:
         choices = parse_scalar(value, key, "--keys")
         if not all(isinstance(each, (str, int, float)) for each in [*choices, present]):
             raise InputError(key, value, "choices that are words, numbers or truth values: KEY=[A, B]")
-        choices = tuple(dict.fromkeys([present, *choices]))
+        choices = list(dict.fromkeys([present, *choices]))
         if len(choices) < 2:
             raise InputError(key, value, "a choice besides the present value")
-        return Dimension(key, present, choices=choices)
+        return Dimension(key, present, CategoricalDistribution(choices))
     vector = isinstance(present, (list, tuple)) and all(isinstance(each, (int, float)) for each in present)
     if not vector and (isinstance(present, bool) or not isinstance(present, (int, float))):
         raise InputError(key, present, "a number or a vector, or choices: KEY=[A, B]")
-    dimension = Dimension(key, present)
-    initial, whole = dimension.initial, dimension.whole
+    initial = _initial(present)
+    number, spread = (int, IntDistribution) if isinstance(initial, int) else (float, FloatDistribution)
     if not given:
         if initial <= 0:
             raise InputError(key, f"no range, and the present value is {initial:g}", "a range: KEY=LOW:HIGH")
-        low, high = initial / _SPREAD, initial * _SPREAD
-        if whole:
+        low, high, logarithmic = initial / _SPREAD, initial * _SPREAD, True
+        if number is int:
             low, high = max(1, round(low)), round(high)
-        return Dimension(key, present, low, high, logarithmic=True)
-    ends, logarithmic = value.removesuffix(":log").split(":"), value.endswith(":log")
-    try:
-        low, high = map(int if whole else float, ends)
-    except ValueError:
-        kind = "whole numbers" if whole else "numbers"
-        raise InputError(key, value, f"a range of {kind}: LOW:HIGH or LOW:HIGH:log") from None
-    if not low < high or (logarithmic and low <= 0):
-        raise InputError(key, value, f"LOW below HIGH{', above zero' if logarithmic else ''}")
-    if not low <= initial <= high:
-        present_is = "1: the vector is multiplied by it" if vector else f"the present value, {initial:g}"
-        raise InputError(key, value, f"a range that contains {present_is}")
-    return Dimension(key, present, low, high, logarithmic)
+    else:
+        ends, logarithmic = value.removesuffix(":log").split(":"), value.endswith(":log")
+        try:
+            low, high = map(number, ends)
+        except ValueError:
+            kind = "whole numbers" if number is int else "numbers"
+            raise InputError(key, value, f"a range of {kind}: LOW:HIGH or LOW:HIGH:log") from None
+        if not low < high or (logarithmic and low <= 0):
+            raise InputError(key, value, f"LOW below HIGH{', above zero' if logarithmic else ''}")
+        if not low <= initial <= high:
+            words = "1: the vector is multiplied by it" if vector else f"the present value, {initial:g}"
+            raise InputError(key, value, f"a range that contains {words}")
+    return Dimension(key, present, spread(low, high, log=logarithmic))

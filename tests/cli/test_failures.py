@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from lgmpc.cli.failures import guarded
+from lgmpc.cli.screen import guarded
 from lgmpc.errors import ConfigError, LgmpcError, ModelError, SolverError
 
 

@@ -67,7 +67,7 @@ def test_a_sweep_continues_after_a_killed_worker_with_the_points_of_one_machine(
     sweep = parse("factors: [{key: seed, kind: values, values: [1, 2, 3, 4]}]\nmetrics: [max_tilt_deg]")
 
     def kill_one(now: SweepProgress) -> None:
-        if now.new == 1:
+        if now.done == 1:
             os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
 
     there = run_sweep(sweep, tmp_path / "there", dask=client.scheduler.address, progress=kill_one)

@@ -27,8 +27,7 @@ from lgmpc.errors import InputError, ReplayError
 from lgmpc.runs import Run, RunFolder
 from lgmpc.runs.difference import first_difference
 from lgmpc.runs.folder import CONFIG_FILE, DEPLOYMENT_FILE
-from lgmpc.runs.host import host_info, versions
-from lgmpc.runs.origin import Origin
+from lgmpc.runs.result import Origin, host_info, versions
 from lgmpc.settings.dotted import differing
 
 __all__ = ["run_from"]
@@ -57,7 +56,7 @@ def run_from(
         progress: called with the progress of the simulation. In a notebook a bar displays both unless either is given.
 
     Returns:
-        The run, whose result has an :class:`~lgmpc.runs.origin.Origin`.
+        The run, whose result has an :class:`~lgmpc.runs.result.Origin`.
 
     Raises:
         ReplayError: the run was not repeated bit for bit; names tick and channel.

@@ -20,7 +20,7 @@ from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
-from lgmpc.runs.origin import Origin, SettingsChange
+from lgmpc.runs.result import Origin, SettingsChange
 from lgmpc.settings.dotted import differing
 
 if TYPE_CHECKING:

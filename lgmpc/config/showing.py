@@ -223,7 +223,7 @@ def _controls(log: TrajectoryLog) -> Iterator[Nearest]:
         if np.isfinite(limit):
             margin = abs(limit) - abs(value)
             yield Nearest(
-                "control", str(name), float(log.times[k]), value, limit, margin, log.control_unit, used[k, i], False
+                "control", str(name), float(log.times[k]), value, log.control_unit, limit, margin, float(used[k, i])
             )
 
 

@@ -9,11 +9,16 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
+
+from pydantic import BeforeValidator
 
 from lgmpc.errors import RunFolderError
 
-__all__ = ["atomic_write", "json_values", "reason_of"]
+__all__ = ["Number", "atomic_write", "json_values", "reason_of"]
+
+Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""A number read from JSON, where those that are not finite are null."""
 
 
 def reason_of(error: OSError) -> str:

@@ -12,7 +12,7 @@ from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.intervals import intervals, joined_intervals, push_intervals
 from lgmpc.runs.limited import Limited
 from lgmpc.runs.log import MODES, SENSOR_FAULTS, RunLog
-from lgmpc.runs.origin import SettingsChange
+from lgmpc.runs.result import SettingsChange
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Event", "EventKind", "EventLine", "event_lines", "find_events"]

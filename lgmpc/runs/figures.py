@@ -97,15 +97,26 @@ def unknown_bounds(bounds: Iterable[str], figures: Iterable[str]) -> list[str]:
     return [bound for bound in bounds if figure_of(bound) not in known]
 
 
-def judge_figures(figures: Mapping[str, float], bounds: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a sentence for each violated bound (``max_<figure>`` or ``min_<figure>``); NaN violates all."""
+def judge_figures(
+    figures: Mapping[str, float | None], bounds: Mapping[str, float], phrases: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
+    """Return a sentence for each violated bound (``max_<figure>`` or ``min_<figure>``); None and NaN violate all.
+
+    Args:
+        figures: by name.
+        bounds: by name.
+        phrases: descriptions of the figures by bound; the words of their names unless given.
+    """
     reasons = []
     for bound, limit in bounds.items():
         value, highest = figures[figure_of(bound)], bound.startswith("max_")
-        if not (value <= limit if highest else value >= limit):
+        if value is None or math.isnan(value):
+            reasons.append(f"{bound} was not measured, but the gate limits it to {limit:g}")
+        elif not (value <= limit if highest else value >= limit):
             words, unit, scale = figure_words(figure_of(bound), value, limit)
             shown, allowed = short_number(scale * value, scale * limit)
             ending, side = f" {unit}" if unit else "", "most" if highest else "least"
+            words = f"{phrases[bound]}:" if phrases else words
             reasons.append(f"{words} {shown}{ending}, allowed at {side} {allowed}{ending} ({bound})")
     return tuple(reasons)
 

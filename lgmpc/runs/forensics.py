@@ -163,7 +163,7 @@ def _summary(failure: _Failure, chain: Sequence[Event], nearest: Sequence[Neares
     if not failure.words:
         # Of a run that passed, only quantities that its gate does not limit are beyond a limit.
         close = next((each for each in nearest if each.used <= 1.0 or each.judged), None)
-        return ("it passed", *((f"nearest to its limit: {_near(close)}",) if close else ()))
+        return ("it passed", *((f"nearest to its limit: {close}",) if close else ()))
     failed_s = failure.time_s
     if failed_s is None:
         return (failure.words,)
@@ -185,13 +185,6 @@ def _summary(failure: _Failure, chain: Sequence[Event], nearest: Sequence[Neares
             "forces could bring the robot to rest"
         )
     return tuple(sentences)
-
-
-def _near(nearest: Nearest) -> str:
-    where = f" of {nearest.subject}" if nearest.subject else ""
-    when = "" if nearest.time_s is None else f" at {nearest.time_s:.3f} s"
-    unit = f" {nearest.unit}" if nearest.unit else ""
-    return f"{nearest.name}{where}, {nearest.value:.3g}{unit}{when}, limit {nearest.limit:.3g}{unit}"
 
 
 def _duration(seconds: float) -> str:

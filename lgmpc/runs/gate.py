@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
@@ -142,6 +143,13 @@ class Gate(Settings):
     def limits(self) -> dict[str, float]:
         """The limits that are set, by their keys."""
         return {name: value for name, value in self if name != "steady_from_s" and value is not None}
+
+    @classmethod
+    def phrase(cls, limit: str) -> str:
+        """Return the description of the metric of a limit, without its unit and range."""
+        whole = re.split("[;:]", str(cls.model_fields[limit].description))[0]
+        text = (whole.rpartition(",")[0] or whole).rstrip(".")
+        return text if text[1].isupper() else text[0].lower() + text[1:]
 
 
 class SolveGate(Settings):

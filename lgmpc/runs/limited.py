@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lgmpc.runs.atomic import Number
 from lgmpc.runs.figures import figure_of, figure_words
 from lgmpc.runs.gate import Gate
 from lgmpc.runs.log import CONTACT_FORCE_N, RunLog
@@ -26,6 +27,7 @@ __all__ = [
     "figure_margin",
     "gate_figures",
     "hardware_quantities",
+    "highest",
     "joint_power",
     "limited_quantities",
 ]
@@ -85,16 +87,16 @@ class JointLimits(NamedTuple):
 
 @dataclass(frozen=True)
 class Nearest:
-    """The smallest margin of a quantity.
+    """The tick at which a quantity came nearest to its limit.
 
     Attributes:
         name: name of the quantity.
         subject: joint or foot; empty for a quantity of the robot.
-        time_s: time of the smallest margin, s; ``None`` for a figure of the whole run.
+        time_s: time of the tick, s; ``None`` for a figure of the whole run.
         value: value at this time.
-        limit: limit at this time.
-        margin: distance to the limit, negative beyond it.
         unit: unit of value, limit and margin.
+        limit: limit at this time; inf for the largest value of a quantity without one.
+        margin: distance to the limit, negative beyond it.
         used: share of the limit used, 1 at the limit; quantities of different units are ordered by it.
         judged: whether the limit is one of the gate's: beyond it the run fails.
     """
@@ -102,17 +104,29 @@ class Nearest:
     name: str
     subject: str
     time_s: float | None
-    value: float
-    limit: float
-    margin: float
+    value: Number
     unit: str
-    used: float
-    judged: bool
+    limit: Number = math.inf
+    margin: Number = math.inf
+    used: Number = 0.0
+    judged: bool = False
+
+    @property
+    def kept(self) -> bool:
+        """Whether the limit was kept throughout, up to rounding; not by what is not a number."""
+        return self.margin >= 0.0
 
     @property
     def broken(self) -> bool:
         """Whether the run failed because of it."""
         return self.judged and self.margin < 0.0
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        where = f" of {self.subject}" if self.subject else ""
+        when = "" if self.time_s is None else f" at {self.time_s:.3f} s"
+        limit = f", limit {self.limit:.3g}{unit}" if self.limit < math.inf else ""
+        return f"{self.name}{where}: {self.value:.3g}{unit}{when}{limit}"
 
 
 @dataclass(frozen=True)
@@ -157,26 +171,27 @@ class Limited:
         return replace(self, **arrays)
 
     def nearest(self, time: Array) -> Nearest | None:
-        """Return the smallest margin; ``None`` if the limit never applied.
+        """Return the tick of the largest share of the limit used; ``None`` if the limit never applied.
 
         Args:
             time: (n,) times of the ticks, s.
         """
         used = np.where(np.isfinite(self.used), self.used, -np.inf)
-        tick, subject = np.unravel_index(int(np.argmax(used)), used.shape) if used.size else (0, 0)
-        if not used.size or np.isinf(used[tick, subject]):
-            return None
-        at = (tick, subject)
+        return self._at(int(np.argmax(used)), time) if used.max(initial=-np.inf) > -np.inf else None
+
+    def smallest(self, time: Array) -> Nearest | None:
+        """Return the tick of the smallest margin, as :meth:`nearest`; a value that is not a number is beyond all."""
+        unknown = np.isnan(self.values)
+        margins = np.where(unknown, -np.inf, np.where(np.isnan(self.margins), np.inf, self.margins))
+        return self._at(int(np.argmin(margins)), time) if margins.min(initial=np.inf) < np.inf else None
+
+    def _at(self, index: int, time: Array) -> Nearest:
+        at = np.unravel_index(index, self.values.shape)
+        value, limit, margin = float(self.values[at]), float(self.limits[at]), float(self.margins[at])
+        margin = 0.0 if abs(margin) < _ROUNDING * max(1.0, abs(value), abs(limit)) else margin
+        subject = self.subjects[int(at[1])]
         return Nearest(
-            self.name,
-            self.subjects[int(subject)],
-            float(time[tick]),
-            float(self.values[at]),
-            float(self.limits[at]),
-            0.0 if abs(self.margins[at]) < _ROUNDING * self.scale[at] else float(self.margins[at]),
-            self.unit,
-            float(used[at]),
-            self.judged,
+            self.name, subject, float(time[at[0]]), value, self.unit, limit, margin, float(self.used[at]), self.judged
         )
 
 
@@ -198,15 +213,15 @@ def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Lim
     names = tuple(log.joint_names.tolist())
     if not names:
         return
-    yield _highest("torque", "N.m", names, np.abs(log.tau), log.effort_limit_over_time)
+    yield highest("torque", "N.m", names, np.abs(log.tau), log.effort_limit_over_time)
     if joints is None:
         return
-    yield _highest("joint speed", "rad/s", names, np.abs(log.joint_velocity), joints.speed)
+    yield highest("joint speed", "rad/s", names, np.abs(log.joint_velocity), joints.speed)
     angles = log.q[:, 7 if log.floating_base else 0 :]
     if angles.shape[1] == len(names):
         yield _positions(names, angles, joints)
     if joints.line is not None:
-        yield _highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit_over_time))
+        yield highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit_over_time))
 
 
 def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = None) -> Iterator[Limited]:
@@ -222,7 +237,7 @@ def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = Non
     if feet:
         yield _friction(log, feet)
         slip, given = gate.max_slip_m, gate.max_slip_m is not None
-        yield _highest("slip", "mm", feet, 1e3 * slide(log), 1e3 * (_SLID_M if slip is None else slip), given)
+        yield highest("slip", "mm", feet, 1e3 * slide(log), 1e3 * (_SLID_M if slip is None else slip), given)
     if feet and np.isfinite(log.mass_kg):
         margin = 1e3 * capture_margin(log)[:, None]
         # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
@@ -231,7 +246,7 @@ def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = Non
     if log.floating_base:
         base, tilt = log.base_pose, gate.max_tilt_deg
         given = tilt is not None
-        yield _highest("tilt", "deg", _WHOLE, log.tilt_deg[:, None], FALL_TILT_DEG if tilt is None else tilt, given)
+        yield highest("tilt", "deg", _WHOLE, log.tilt_deg[:, None], FALL_TILT_DEG if tilt is None else tilt, given)
         height = 1e3 * log.base_height[:, None]
         fraction = max(gate.min_base_height_fraction or 0.0, FALL_HEIGHT_FRACTION)
         low = np.maximum(fraction * height[0], 1e3 * (gate.min_base_height_m or 0.0))
@@ -240,7 +255,7 @@ def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = Non
         if gate.max_displacement_m is not None:
             home = log.base_reference[:, :3] if log.commanded else base[:1, :3]
             moved = 1e3 * np.linalg.norm(base[:, :3] - home, axis=1)[:, None]
-            yield _highest("displacement", "mm", _WHOLE, moved, 1e3 * gate.max_displacement_m, True)
+            yield highest("displacement", "mm", _WHOLE, moved, 1e3 * gate.max_displacement_m, True)
 
 
 def gate_figures(metrics: Metrics, gate: Gate) -> Iterator[Nearest]:
@@ -261,13 +276,13 @@ def figure_margin(key: str, value: float, limit: float) -> Nearest:
     else:  # a negative lower limit is used in proportion to a negative value
         used = value / limit if limit < 0.0 else math.inf
     margin = scale * (limit - value if highest else value - limit)
-    return Nearest(words, "", None, scale * value, scale * limit, margin, unit, used, judged=True)
+    return Nearest(words, "", None, scale * value, unit, scale * limit, margin, used, judged=True)
 
 
-def _highest(
+def highest(
     name: str, unit: str, subjects: tuple[str, ...], values: Array, limit: Array | float, judged: bool = False
 ) -> Limited:
-    """Return a quantity with an upper limit."""
+    """Return a quantity with an upper limit; arguments as the attributes of :class:`Limited`."""
     limits = np.asarray(limit, dtype=np.float64)
     return Limited(name, unit, subjects, values, limits, limits - values, limits, judged)
 

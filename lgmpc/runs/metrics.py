@@ -13,6 +13,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
+from lgmpc.runs.atomic import Number
 from lgmpc.runs.estimate import EstimatorErrors, SensorFaults, estimator_errors
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
@@ -80,18 +81,18 @@ class Metrics:
         modes: metrics of falls, lying and rising; None where modes were not recorded.
     """
 
-    survived_s: float
+    survived_s: Number
     fell: bool
-    max_tilt_deg: float
-    max_displacement_m: float
-    min_base_height_m: float
-    final_position_error_m: float
-    final_tilt_deg: float
-    final_rotation_deg: float
-    max_slip_m: float
-    max_foot_displacement_m: float
-    max_abs_torque_nm: float
-    torque_saturation_fraction: float
+    max_tilt_deg: Number
+    max_displacement_m: Number
+    min_base_height_m: Number
+    final_position_error_m: Number
+    final_tilt_deg: Number
+    final_rotation_deg: Number
+    max_slip_m: Number
+    max_foot_displacement_m: Number
+    max_abs_torque_nm: Number
+    torque_saturation_fraction: Number
     min_friction_margin_n: float | None
     rms_joint_velocity_rad_s: float | None
     com_rms_error_m: float | None

@@ -2,30 +2,44 @@
 
 from __future__ import annotations
 
+import functools
 import json
-import math
+import os
+import platform
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
 
 from lgmpc.errors import RunFolderError
 from lgmpc.notebook import html_table
-from lgmpc.runs.atomic import json_values
+from lgmpc.runs.atomic import Number, json_values
 from lgmpc.runs.certificate import Certificate
-from lgmpc.runs.estimate import EstimatorErrors, SensorFaults
 from lgmpc.runs.figures import figure_number, figure_words
-from lgmpc.runs.host import HostInfo, host_info, versions
-from lgmpc.runs.metrics import Metrics, Timing
-from lgmpc.runs.modes import ModeMetrics
-from lgmpc.runs.origin import Origin, SettingsChange
-from lgmpc.runs.verdict import Outcome, Verdict
-from lgmpc.runs.walking import WalkingMetrics
+from lgmpc.runs.metrics import Metrics, flat_metrics
+from lgmpc.runs.verdict import Verdict
 
-__all__ = ["RESULT_FILE", "SCHEMA", "RunResult", "SolveResult", "kind_of"]
+__all__ = [
+    "RESULT_FILE",
+    "SCHEMA",
+    "HostInfo",
+    "Origin",
+    "RunResult",
+    "SettingsChange",
+    "SolveResult",
+    "host_info",
+    "kind_of",
+    "versions",
+]
 
 _SHOWN = ("survived_s", "max_tilt_deg", "max_displacement_m", "max_slip_m", "max_abs_torque_nm", "real_time_factor")
 """Metrics of a closed loop that a notebook displays."""
+
+_PACKAGES = ("lgmpc", "pin", "casadi", "mujoco", "proxsuite", "osqp", "piqp", "numpy", "example-robot-data")
 
 SCHEMA = 1
 """Version of the folder's format; newer ones are refused."""
@@ -33,6 +47,100 @@ SCHEMA = 1
 RESULT_FILE = "run.json"
 
 R = TypeVar("R", bound="_Result")
+Values = Mapping[str, tuple[Any, Any]]
+"""Values before and after by dotted key."""
+
+
+@dataclass(frozen=True)
+class HostInfo:
+    """Properties of the machine.
+
+    Attributes:
+        system: operating system and its release.
+        machine: architecture.
+        cpu: processor's name, as the system reports it.
+        cores: processors that this process may use.
+        threads: the thread cap of numerical libraries (OMP_NUM_THREADS), empty if not set.
+    """
+
+    system: str
+    machine: str
+    cpu: str
+    cores: int
+    threads: str
+
+
+def host_info() -> HostInfo:
+    """Return the properties of this machine."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    system, threads = f"{platform.system()} {platform.release()}", os.environ.get("OMP_NUM_THREADS", "")
+    return HostInfo(system, platform.machine(), _cpu_name(), cores, threads)
+
+
+def _cpu_name() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor()
+
+
+def versions() -> Mapping[str, str]:
+    """Return the versions of Python and of the packages on which results depend ("absent" if not installed)."""
+    return {"python": platform.python_version(), **{package: _version_of(package) for package in _PACKAGES}}
+
+
+@functools.cache  # reading a package's metadata takes milliseconds, and every point of a sweep has the versions
+def _version_of(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "absent"
+
+
+@dataclass(frozen=True)
+class SettingsChange:
+    """A change of settings during a run.
+
+    Attributes:
+        time_s: time from which they act, s.
+        values: values before and after by key.
+    """
+
+    time_s: float
+    values: Values
+
+    @property
+    def differences(self) -> str:
+        """The changes in words: ``key before -> after``."""
+        return _differences(self.values)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The run that another one repeats up to some time and continues from there.
+
+    Attributes:
+        run: folder of the repeated run.
+        time_s: time from which changed settings act, s.
+        verified_ticks: ticks of its log that were repeated bit for bit.
+        changes: values before and after by key; empty where the whole run was repeated.
+    """
+
+    run: str
+    time_s: float
+    verified_ticks: int
+    changes: Values = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        text = f"{self.run}: {self.verified_ticks} logged ticks repeated bit for bit"
+        return f"{text}; changed at {self.time_s:.3f} s: {_differences(self.changes)}" if self.changes else text
+
+
+def _differences(values: Values) -> str:
+    return ", ".join(f"{key} {before} -> {after}" for key, (before, after) in values.items())
 
 
 def _now() -> str:
@@ -81,18 +189,14 @@ class _Result:
 
     def to_json(self) -> str:
         """Return the text of ``run.json``."""
-        content = {
-            "schema": SCHEMA,
-            "kind": self.kind,
-            "name": self.name,
-            "created": self.created,
-            "verdict": self.verdict.outcome.value,
-            "reasons": list(self.verdict.reasons),
-            **self._own(),
-            "versions": dict(self.versions),
-            "host": asdict(self.host),
-        }
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+        own = self._content()
+        last = {name: own.pop(name) for name in ("versions", "host")}
+        own["verdict"], reasons = own["verdict"].values()
+        content = {"schema": SCHEMA, "kind": self.kind, "name": self.name, "reasons": reasons} | own | last
+        return json.dumps(json_values(content), indent=2, allow_nan=False) + "\n"
+
+    def _content(self) -> dict[str, Any]:
+        return asdict(self)
 
     @classmethod
     def from_json(cls: type[R], text: str, source: str = RESULT_FILE) -> R:
@@ -101,25 +205,33 @@ class _Result:
         Raises:
             RunFolderError: if it is not JSON, of a newer schema, of the other kind, or lacks an entry.
         """
-        content = _content(text, source)
+        content = _parsed(text, source)
         kind = content.get("kind", RunResult.kind)
         if kind != cls.kind:
             raise RunFolderError(f"{source} is of a {_words(kind)}, not of a {_words(cls.kind)}")
+        content["verdict"] = {"outcome": content.get("verdict"), "reasons": content.get("reasons", ())}
+        content["origin"] = content.get("from")
+        if cls is RunResult and "seed" not in content:
+            raise RunFolderError(f"{source} is damaged: no seed")
         try:
-            common: dict[str, Any] = {name: str(content[name]) for name in ("name", "created")}
-            common["versions"] = dict(content["versions"])
-            common["verdict"] = Verdict(Outcome(content["verdict"]), tuple(map(str, content["reasons"])))
-            common["host"] = HostInfo(**content["host"])
-            return cls._read(content, common)
-        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-            raise RunFolderError(f"{source} is damaged: {type(error).__name__} {error}") from error
+            result: R = _reader(cls).validate_json(json.dumps(content), strict=True)
+            result.shown()
+        except (ValidationError, OverflowError) as error:
+            raise RunFolderError(f"{source} is damaged: {_first(error)}") from error
+        return result
 
-    def _own(self) -> dict[str, Any]:
-        raise NotImplementedError
 
-    @classmethod
-    def _read(cls: type[R], content: Mapping[str, Any], common: dict[str, Any]) -> R:
-        raise NotImplementedError
+@functools.cache
+def _reader(kind: Any) -> Any:
+    return TypeAdapter(kind)
+
+
+def _first(error: Exception) -> str:
+    """Return the place and the message of the first of the errors of a validation."""
+    if not isinstance(error, ValidationError):
+        return str(error)
+    found = error.errors(include_url=False, include_context=False)[0]
+    return f"{'.'.join(map(str, found['loc']))}: {found['msg']}, got {str(found['input'])[:40]}"
 
 
 @dataclass(frozen=True)
@@ -144,24 +256,13 @@ class RunResult(_Result):
 
     def shown(self) -> dict[str, float]:
         """Return a few metrics."""
-        values = {name: getattr(self.metrics, name, None) for name in _SHOWN}
-        return {name: value for name, value in values.items() if value is not None}
+        values = {} if self.metrics is None else flat_metrics(self.metrics)
+        return {name: value for name in _SHOWN if (value := values.get(name)) is not None}
 
-    def _own(self) -> dict[str, Any]:
-        metrics = None if self.metrics is None else json_values(asdict(self.metrics))
-        certificate = None if self.certificate is None else self.certificate.content()
-        origin = {} if self.origin is None else {"from": self.origin.content()}
-        changes = {"changes": [each.content() for each in self.changes]} if self.changes else {}
-        return {"seed": self.seed, **origin, **changes, "metrics": metrics, "certificate": certificate}
-
-    @classmethod
-    def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> RunResult:
-        given = content.get("certificate")
-        certificate = None if given is None else Certificate.of(given)
-        origin = Origin.of(content["from"]) if "from" in content else None
-        changes = tuple(map(SettingsChange.of, content.get("changes", ())))
-        own: dict[str, Any] = {"certificate": certificate, "origin": origin, "changes": changes}
-        return cls(**common, seed=content["seed"], metrics=_metrics(content["metrics"]), **own)
+    def _content(self) -> dict[str, Any]:
+        content = asdict(self) | {"certificate": None if self.certificate is None else self.certificate.content()}
+        origin, changes = content.pop("origin"), content.pop("changes")
+        return content | ({"from": origin} if origin else {}) | ({"changes": changes} if changes else {})
 
 
 @dataclass(frozen=True)
@@ -180,21 +281,11 @@ class SolveResult(_Result):
     method: str
     status: str
     explanation: str
-    figures: Mapping[str, float]
+    figures: Mapping[str, Number]
 
     def shown(self) -> dict[str, float]:
         """Return all figures."""
         return dict(self.figures)
-
-    def _own(self) -> dict[str, Any]:
-        figures = json_values(self.figures)
-        return {"method": self.method, "status": self.status, "explanation": self.explanation, "figures": figures}
-
-    @classmethod
-    def _read(cls, content: Mapping[str, Any], common: dict[str, Any]) -> SolveResult:
-        figures = {name: math.nan if value is None else float(value) for name, value in content["figures"].items()}
-        texts: dict[str, Any] = {name: str(content[name]) for name in ("method", "status", "explanation")}
-        return cls(**common, **texts, figures=figures)
 
 
 def figure_cells(name: str, value: float) -> tuple[str, str]:
@@ -209,10 +300,10 @@ def kind_of(text: str, source: str = RESULT_FILE) -> str:
     Raises:
         RunFolderError: if it is not JSON, or of a newer schema.
     """
-    return str(_content(text, source).get("kind", RunResult.kind))  # version 0.1 had one kind only
+    return str(_parsed(text, source).get("kind", RunResult.kind))  # version 0.1 had one kind only
 
 
-def _content(text: str, source: str) -> dict[str, Any]:
+def _parsed(text: str, source: str) -> dict[str, Any]:
     try:
         content = json.loads(text)
     except json.JSONDecodeError as error:
@@ -226,37 +317,3 @@ def _content(text: str, source: str) -> dict[str, Any]:
 
 def _words(kind: object) -> str:
     return {"closed_loop": "closed loop", "solve": "solved problem"}.get(str(kind), f"kind unknown here ({kind})")
-
-
-def _metrics(content: Mapping[str, Any] | None) -> Metrics | None:
-    if content is None:
-        return None
-    optional = {f.name for f in fields(Metrics) if f.default is not MISSING}  # not in the files of version 0.1
-    values = {f.name: content[f.name] for f in fields(Metrics) if f.name in content or f.name not in optional}
-    for name, kind in (
-        ("mpc_ms", Timing),
-        ("wbc_ms", Timing),
-        ("estimator_ms", Timing),
-        ("forecast_ms", Timing),
-        ("estimator", EstimatorErrors),
-        ("sensor_faults", SensorFaults),
-        ("walking", WalkingMetrics),
-        ("modes", ModeMetrics),
-    ):
-        if values.get(name) is not None:
-            values[name] = kind(**{key: _number(value) for key, value in values[name].items()})
-    return Metrics(**{name: _number(value) for name, value in values.items()})
-
-
-def _number(value: Any) -> Any:
-    """Return a metric unchanged if its type is valid.
-
-    Raises:
-        TypeError: not a number, a boolean, a group of metrics, or None.
-        OverflowError: an integer beyond the range of floating-point numbers.
-    """
-    if isinstance(value, (int, float)):
-        float(value)
-    elif not (value is None or isinstance(value, (Timing, EstimatorErrors, SensorFaults, WalkingMetrics, ModeMetrics))):
-        raise TypeError(f"a metric is {type(value).__name__}")
-    return value

@@ -124,7 +124,7 @@ def _certificate(certificate: Certificate) -> str:
         marks.append("good" if each.kept else "bad")
     headings = ("check, until a fall", "where", "at / s", "value", "limit", "smallest margin", "")
     found = "all checks of physics and hardware passed" if certificate.certified else "not certified"
-    peaks = [f"without a limit in the config: {each}" for each in certificate.peaks]
+    peaks = [f"without a limit in the config: {each}" for each in certificate.without_limit]
     return section("Certificate", words([found]), table(headings, rows, marks), words(peaks))
 
 

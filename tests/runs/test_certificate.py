@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lgmpc.runs import RunLog, RunResult
-from lgmpc.runs.certificate import Balances, Certificate, Check, certify, window_edges
-from lgmpc.runs.limited import DriveLine, JointLimits, joint_power
+from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
+from lgmpc.runs.limited import DriveLine, JointLimits, Nearest, joint_power
 from lgmpc.runs.verdict import Outcome, Verdict
 
 JOINTS = JointLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
@@ -37,7 +37,7 @@ def certified(changed: Callable[[Edit], RunLog]) -> Certify:
     return run
 
 
-def broken(certificate: Certificate) -> Check:
+def broken(certificate: Certificate) -> Nearest:
     (check,) = certificate.broken
     assert not certificate.certified
     return check
@@ -167,11 +167,11 @@ def test_power_without_a_limit_is_measured_and_not_certified(certified: Certify)
 
     certificate = certified(two_joints)
     assert "power" not in [each.name for each in certificate.checks]
-    one, all_together = certificate.peaks
+    one, all_together = certificate.without_limit
     assert (one.name, one.subject, one.unit) == ("power", "joint 3", "W")
     assert (one.value, one.time_s) == (pytest.approx(12.0), pytest.approx(0.101))
     assert all_together.value == pytest.approx(12.0 + 3.0) and all_together.subject == ""
-    assert [each.name for each in certified(two_joints, joints=LINE).peaks] == [all_together.name]
+    assert [each.name for each in certified(two_joints, joints=LINE).without_limit] == [all_together.name]
     again = RunResult.from_json(
         RunResult("x", Verdict(Outcome.PASS), None, certificate=certificate).to_json()
     ).certificate

@@ -49,7 +49,7 @@ def test_run_json_is_as_the_format_says(folder) -> None:
     content = json.loads((folder.path / "run.json").read_text())
     assert content["schema"] == 1
     assert content["verdict"] == "fail"
-    assert content["reasons"] == ["the median MPC update took 0.5 ms, allowed at most 0.1 ms (max_mpc_p50_ms)"]
+    assert content["reasons"] == ["median duration of an MPC update: 0.5 ms, allowed at most 0.1 ms (max_mpc_p50_ms)"]
     assert content["seed"] == 4
     assert {"python", "lgmpc", "pin", "mujoco", "numpy"} <= set(content["versions"])
     assert content["host"]["cores"] >= 1

@@ -80,7 +80,7 @@ def test_a_run_that_passes_has_its_nearest_limits(explain: Explain) -> None:
     assert (speed.used, speed.time_s) == (pytest.approx(0.1), pytest.approx(0.2))
     whole = next(each for each in found.nearest if each.name == "RMS joint velocity")
     assert whole.time_s is None and whole.value == pytest.approx(3.0 / np.sqrt(12000.0))
-    assert found.summary == ("it passed", "nearest to its limit: torque of joint 5, 1.71 N.m at 0.500 s, limit 1.8 N.m")
+    assert found.summary == ("it passed", "nearest to its limit: torque of joint 5: 1.71 N.m at 0.500 s, limit 1.8 N.m")
 
 
 def test_a_gate_that_is_broken_without_a_fall_has_its_moment(explain: Explain) -> None:

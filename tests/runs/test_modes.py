@@ -79,7 +79,7 @@ def test_gates_count_falls(standing: RunLog) -> None:
     assert judge(metrics, Gate(**limits)).reasons == ("the robot fell after 0.3 s",)
     assert judge(metrics, Gate(**limits, max_falls=1, min_rises=1, max_give_up_s=0.11)).passed
     (reason,) = judge(metrics, Gate(**limits, max_falls=None, max_give_up_s=0.05)).reasons
-    assert reason == "the joints of the fallen robot were not damped for 0.1 s, allowed at most 0.05 s (max_give_up_s)"
+    assert reason == "time after a fall until the joints are damped: 0.1 s, allowed at most 0.05 s (max_give_up_s)"
 
 
 def test_runs_without_modes_have_no_such_figures(standing: RunLog) -> None:

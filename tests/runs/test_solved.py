@@ -148,7 +148,7 @@ def test_bounds_hold_on_their_side_and_nan_breaks_them() -> None:
     over, under = judge_figures(figures, {"max_gap_m": 1e-3, "min_gap_m": 0.5})
     assert over == "gap 2 mm, allowed at most 1 mm (max_gap_m)"
     assert under == "gap 2 mm, allowed at least 500 mm (min_gap_m)"
-    assert judge_figures(figures, {"max_share": 1.0}) == ("share nan, allowed at most 1 (max_share)",)
+    assert judge_figures(figures, {"max_share": 1.0}) == ("max_share was not measured, but the gate limits it to 1",)
     # So close that three digits would be equal.
     (close,) = judge_figures({"gap_m": 1.00001e-3}, {"max_gap_m": 1e-3})
     assert close == "gap 1.00001 mm, allowed at most 1 mm (max_gap_m)"

@@ -1,17 +1,22 @@
-"""Declarations of logged quantities, tables of channels with their shapes, types and units, and their checks."""
+"""Declarations of logged quantities, with their shapes, types and units, and files of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
 
-__all__ = ["Channel", "Table", "single"]
+__all__ = ["ArrayFile", "Channel", "channel", "channels_of"]
+
+F = TypeVar("F", bound="ArrayFile")
+
+_SCALARS = {"float": "f", "bool": "b", "int": "iu", "str": "U"}
+"""NumPy's kind letters for the annotations of single values."""
 
 
 @dataclass(frozen=True)
@@ -19,11 +24,13 @@ class Channel:
     """Shape, type and unit of one logged quantity.
 
     Attributes:
+        table: name of its table.
         axes: names of the axes ("nq", "nc", ...) or their fixed lengths; in tables of ticks without that of the tick.
         dtype: NumPy type of the entries.
         unit: unit of the entries; empty for numbers without one and for several.
     """
 
+    table: str
     axes: tuple[str | int, ...] = ()
     dtype: type[np.generic] = np.float64
     unit: str = ""
@@ -52,38 +59,45 @@ class Channel:
         array.setflags(write=False)
 
 
-def single(name: str, array: NDArray[Any], kinds: str) -> Any:
-    """Return the single value of an entry of a log file.
-
-    Args:
-        name: name of the entry.
-        array: the entry.
-        kinds: NumPy's kind letters of the allowed types.
-
-    Raises:
-        RunFolderError: the entry has several values, or another type.
-    """
-    if array.shape != () or array.dtype.kind not in kinds:
-        raise RunFolderError(f"entry '{name}' has shape {array.shape} and holds {array.dtype}, expected one value")
-    return array.item()
+def channel(
+    table: str, *axes: str | int, unit: str = "", dtype: type[np.generic] = np.float64, optional: bool = False
+) -> Any:
+    """Declare a channel as a field of a dataclass; if it is optional, ``None`` stands for a missing one."""
+    metadata = {"channel": Channel(table, axes, dtype, unit)}
+    return field(default=None, metadata=metadata) if optional else field(metadata=metadata)
 
 
-class Table:
-    """A table of channels: its call declares one of them as a field of a dataclass.
+def channels_of(kind: type, table: str) -> Mapping[str, Channel]:
+    """Return the channels of a table that a dataclass declares, by name."""
+    found = {each.name: each.metadata["channel"] for each in fields(kind) if "channel" in each.metadata}
+    return {name: each for name, each in found.items() if each.table == table}
 
-    Args:
-        name: name of the table.
-        optional: whether its channels may be lacking, which are ``None`` then.
-    """
 
-    def __init__(self, name: str, *, optional: bool = False) -> None:
-        self._name, self._optional = name, optional
+@dataclass(frozen=True, kw_only=True)
+class ArrayFile:
+    """Channels and single values that are stored in one ``.npz`` file by name; those that are None are left out."""
 
-    def __call__(self, *axes: str | int, unit: str = "", dtype: type[np.generic] = np.float64) -> Any:
-        """Return the field; arguments as in :class:`Channel`."""
-        metadata = {self._name: Channel(axes, dtype, unit)}
-        return field(default=None, metadata=metadata) if self._optional else field(metadata=metadata)
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return all arrays by name, as stored in the file."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: np.asarray(value) for name, value in values.items() if value is not None}
 
-    def of(self, kind: type) -> Mapping[str, Channel]:
-        """Return the channels of this table that a dataclass declares, by name."""
-        return {each.name: each.metadata[self._name] for each in fields(kind) if self._name in each.metadata}
+    @classmethod
+    def from_arrays(cls: type[F], arrays: Mapping[str, NDArray[Any]]) -> F:
+        """Return the contents of a file.
+
+        Raises:
+            RunFolderError: if a channel is missing or has the wrong shape or type.
+        """
+        missing = [each.name for each in fields(cls) if each.default is MISSING and each.name not in arrays]
+        if missing:
+            raise RunFolderError(f"log lacks {', '.join(missing)}")
+        values: dict[str, Any] = {}
+        for each in fields(cls):
+            if each.name in arrays:
+                array, kinds = arrays[each.name], _SCALARS.get(str(each.type))
+                if kinds and (array.shape != () or array.dtype.kind not in kinds):
+                    held = f"shape {array.shape} and holds {array.dtype}"
+                    raise RunFolderError(f"entry '{each.name}' has {held}, expected one value")
+                values[each.name] = array.item() if kinds else array
+        return cls(**values)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lgmpc.errors import RunFolderError
 from lgmpc.lie import quaternion
 from lgmpc.notebook import html_table
-from lgmpc.runs.channels import Channel, Table, single
+from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of
 from lgmpc.runs.ground import along_ground, level_ground
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
@@ -52,15 +52,14 @@ CONTACT_FORCE_N = 0.1
 """Normal force above which a foot is in contact, N: about 1/60 of that of a foot of Solo12 at rest."""
 
 
-_TABLES = tuple(map(Table, ("tick", "ground", "update")))  # the axis "nodes" counts states, N + 1
-_OPTIONAL = tuple(Table(name, optional=True) for name in ("estimate", "fault", "step", "friction", "forecast", "limit"))
-_tick, _ground, _update = _TABLES
-_estimate, _fault, _step, _friction, _forecast, _limit = _OPTIONAL
-_entry, _axis = Table("entry"), Table("entry", optional=True)
+_tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
+_OPTIONAL = ("estimate", "fault", "step", "friction", "forecast", "limit")
+_estimate, _fault, _step, _friction, _forecast, _limit = (partial(channel, name, optional=True) for name in _OPTIONAL)
+_entry = partial(channel, "entry")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunLog:
+class RunLog(ArrayFile):
     """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
 
     Attributes:
@@ -174,19 +173,19 @@ class RunLog:
     mpc_period_s: float
     floating_base: bool = True
     mass_kg: float = math.nan
-    upright_axis: Array | None = _axis(3)
+    upright_axis: Array | None = _entry(3, optional=True)
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
-        for name, channel in _entry.of(RunLog).items():
+        for name, each in channels_of(RunLog, "entry").items():
             if getattr(self, name) is not None:
-                channel.check(name, getattr(self, name), sizes)
+                each.check(name, getattr(self, name), sizes)
         for table in (*self._tick_tables(), MPC_CHANNELS):
             missing = [name for name in table if getattr(self, name) is None]
             if missing:
                 raise RunFolderError(f"log lacks {', '.join(missing)}")
-            for name, channel in table.items():
-                channel.check(name, getattr(self, name), sizes, "updates" if table is MPC_CHANNELS else "ticks")
+            for name, each in table.items():
+                each.check(name, getattr(self, name), sizes, "updates" if table is MPC_CHANNELS else "ticks")
         if not (np.all(np.isfinite(self.time)) and np.all(np.diff(self.time) > 0.0)):
             raise RunFolderError("'time' does not increase strictly")
         if self.floating_base and sizes["nq"] < 7:
@@ -344,37 +343,19 @@ class RunLog:
         kept |= {name: getattr(self, name)[updates].copy() for name in MPC_CHANNELS}
         return replace(self, **kept)
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all arrays by name, as stored in ``log.npz``."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: np.asarray(value) for name, value in values.items() if value is not None}
-
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RunLog:
-        """Return the log of the arrays of ``log.npz``.
-
-        Raises:
-            RunFolderError: if a channel is missing or has the wrong shape or type.
-        """
-        optional = [*(name for table in _OPTIONAL_CHANNELS for name in table), "mass_kg", "upright_axis"]
+        """Return the log of the arrays of ``log.npz``; errors as in the base class."""
         if not arrays.keys() & {*GROUND_CHANNELS, "contact_normals"}:  # from before there was other than level ground
             arrays = {**level_ground(arrays.get("contact_points")), **arrays}
-        absent = [name for name in optional if name not in arrays]
-        names = [each.name for each in fields(cls) if each.name not in absent]
-        missing = [name for name in names if name not in arrays]
-        if missing:
-            raise RunFolderError(f"log lacks {', '.join(missing)}")
-        values: dict[str, Any] = {name: arrays[name] for name in names}
-        for name in {"friction", "contact_radius", "control_period_s", "mpc_period_s", "mass_kg"} & values.keys():
-            values[name] = single(name, values[name], "f")
-        values["floating_base"] = single("floating_base", values["floating_base"], "b")
-        return cls(**values)
+        return super().from_arrays(arrays)
 
 
-CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (table.of(RunLog) for table in _TABLES)
-_OPTIONAL_CHANNELS = tuple(table.of(RunLog) for table in _OPTIONAL)
-ESTIMATE_CHANNELS, FAULT_CHANNELS, STEP_CHANNELS = _OPTIONAL_CHANNELS[:3]
-FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = _OPTIONAL_CHANNELS[3:]
+CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (channels_of(RunLog, table) for table in ("tick", "ground", "update"))
+_OPTIONAL_CHANNELS = tuple(channels_of(RunLog, table) for table in _OPTIONAL)
+ESTIMATE_CHANNELS, FAULT_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = (
+    _OPTIONAL_CHANNELS
+)
 """Channels by table, one entry per MPC update or per logged control tick; those of the ground are computed when the
 log is made. The last six tables are those of runs with an estimator, of runs whose sensors are monitored, of runs whose
 steps are recorded, of runs that estimate joint friction, of runs that forecast steps against pushes, and of continued

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs.channels import Table, single
+from lgmpc.runs.channels import ArrayFile, channel, channels_of
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TrajectoryLog"]
 
 
-_array = Table("array")  # axes of the same name have equal lengths
+_array = partial(channel, "array")  # axes of the same name have equal lengths
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrajectoryLog:
+class TrajectoryLog(ArrayFile):
     """A trajectory of N intervals with nc contacts, found in i iterations. World axes, SI units, read-only arrays.
 
     Attributes:
@@ -82,8 +81,8 @@ class TrajectoryLog:
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
-        for name, channel in _array.of(TrajectoryLog).items():
-            channel.check(name, getattr(self, name), sizes)
+        for name, each in channels_of(TrajectoryLog, "array").items():
+            each.check(name, getattr(self, name), sizes)
         if sizes["nodes"] != sizes["intervals"] + 1:
             raise RunFolderError(f"{sizes['nodes']} states do not fit {sizes['intervals']} controls")
         if not (np.isfinite(self.times).all() and (np.diff(self.times) >= 0.0).all()):
@@ -103,23 +102,3 @@ class TrajectoryLog:
     def finite(self) -> bool:
         """Whether all states and controls are finite."""
         return bool(np.isfinite(self.xs).all() and np.isfinite(self.us).all())
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return all arrays by name, as stored in ``trajectory.npz``."""
-        return {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> TrajectoryLog:
-        """Return the trajectory of the arrays of ``trajectory.npz``.
-
-        Raises:
-            RunFolderError: if one is missing or has the wrong shape or type.
-        """
-        names = [each.name for each in fields(cls)]
-        missing = [name for name in names if name not in arrays]
-        if missing:
-            raise RunFolderError(f"{', '.join(missing)} missing")
-        values: dict[str, Any] = {name: arrays[name] for name in names}
-        for name, kinds in (("control_unit", "U"), ("nq", "iu"), ("floating_base", "b"), ("friction", "f")):
-            values[name] = single(name, values[name], kinds)
-        return cls(**values)

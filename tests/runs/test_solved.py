@@ -133,7 +133,7 @@ def test_arrays_that_do_not_fit_are_refused(changes: dict[str, Any], expected: s
 def test_missing_arrays_are_named() -> None:
     arrays = trajectory().arrays()
     del arrays["us"], arrays["nq"]
-    with pytest.raises(RunFolderError, match="us, nq missing"):
+    with pytest.raises(RunFolderError, match="log lacks us, nq"):
         TrajectoryLog.from_arrays(arrays)
 
 

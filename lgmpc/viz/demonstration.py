@@ -13,11 +13,11 @@ from lgmpc.errors import InputError
 from lgmpc.lie import quaternion
 from lgmpc.runs import atomic_write
 from lgmpc.typing import Array
+from lgmpc.viz.figure_files import INK, PALETTE, SOFT, figure_maker
 from lgmpc.viz.mesh import Solid, box, cone, cylinder, ellipsoid
 from lgmpc.viz.page import page_of, time_line
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
-from lgmpc.viz.style import INK, PALETTE, SOFT, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

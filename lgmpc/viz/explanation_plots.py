@@ -12,10 +12,9 @@ import numpy as np
 
 from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
-from lgmpc.viz.figure_files import draw_figures, legend_above
+from lgmpc.viz.figure_files import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z, draw_figures, legend_above
+from lgmpc.viz.plots import draw_contact_rows
 from lgmpc.viz.series import extremes
-from lgmpc.viz.style import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z
-from lgmpc.viz.walking_plots import draw_contact_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

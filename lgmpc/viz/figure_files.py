@@ -1,20 +1,20 @@
-"""Common parts of all figures: titles, legends and limits; their files and their display in notebooks."""
+"""Common parts of all figures: style, titles, legends, limits; their files and their display in notebooks."""
 
 from __future__ import annotations
 
 import io
 import re
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from lgmpc.errors import RunFolderError
+from lgmpc.errors import MissingDependencyError, RunFolderError
 from lgmpc.runs import RunResult, SolveResult, atomic_write
 from lgmpc.runs.atomic import reason_of
 from lgmpc.viz.interaction import classes_from_names, mark_figure
-from lgmpc.viz.style import EXTRA, LIMIT, SOFT, THEMED, X, Y, Z, figure_maker
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,11 +23,21 @@ if TYPE_CHECKING:
     from lgmpc.viz.picture import Picture
 
 __all__ = [
+    "EXTRA",
+    "INK",
+    "LIMIT",
+    "PALETTE",
+    "PUSH",
+    "SOFT",
     "Drawing",
     "Plots",
+    "X",
+    "Y",
+    "Z",
     "draw_figures",
     "draw_limits",
     "figure_heading",
+    "figure_maker",
     "figure_title",
     "joint_kinds",
     "joint_style",
@@ -35,6 +45,62 @@ __all__ = [
     "legend_of_joints",
     "svg_figures",
 ]
+
+X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito's palette, distinguishable by colour-blind readers
+LIMIT, PUSH, EXTRA = "#D55E00", "#D55E00", "#CC79A7"
+INK, SOFT = "#1d2733", "#5b6877"
+PALETTE = (X, Y, Z, LIMIT, EXTRA, "#56B4E9")
+"""Colours of further curves, in order."""
+
+THEMED = {INK: "ink", SOFT: "soft", "#b9c2cc": "line", "#e6eaee": "grid"}
+"""Colours that a page replaces by CSS variables, and the names of these."""
+
+_VECTOR: dict[Any, Any] = {"svg.fonttype": "none", "path.simplify_threshold": 0.1, "figure.dpi": 72}
+
+_STYLE: dict[Any, Any] = {
+    "figure.dpi": 130,
+    "figure.facecolor": "white",
+    "font.size": 10,
+    "text.color": INK,
+    "axes.edgecolor": "#b9c2cc",
+    "axes.labelcolor": INK,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,  # stairs are patches, over which the grid would be drawn
+    "grid.color": "#e6eaee",
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "lines.linewidth": 1.4,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+}
+
+
+@contextmanager
+def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Picture]]:
+    """Yield a function that creates empty figures, without a display and in the common style.
+
+    Args:
+        purpose: purpose of the figures, for the error message.
+        vector: whether they are saved as vectors, with text as text.
+
+    Raises:
+        MissingDependencyError: if matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+
+        from lgmpc.viz.picture import Picture
+    except ImportError as error:
+        raise MissingDependencyError("matplotlib", purpose, "pip install matplotlib") from error
+
+    with matplotlib.rc_context(_STYLE | _VECTOR if vector else _STYLE):
+        yield Picture
+
 
 Drawing = Callable[["Figure"], bool]
 """Draws on an empty figure and returns whether there was data."""

@@ -3,33 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.runs import Run, RunLog
+from lgmpc.runs import Run, RunLog, push_intervals
 from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.figures import length_unit
+from lgmpc.runs.intervals import intervals
+from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.runs.metrics import rpy_deg
+from lgmpc.runs.walking import body_velocity, stride_mean
+from lgmpc.typing import BoolArray
 from lgmpc.viz.figure_files import (
+    EXTRA,
+    INK,
+    LIMIT,
+    SOFT,
     Drawing,
     Plots,
+    X,
+    Y,
+    Z,
     draw_figures,
     figure_title,
-    joint_kinds,
-    joint_style,
     legend_above,
-    legend_of_joints,
 )
-from lgmpc.viz.series import draw_efforts, draw_forces, draw_xyz, finish, friction_words, label_modes, label_pushes
-from lgmpc.viz.style import INK, LIMIT, X, Y, Z
-from lgmpc.viz.walking_plots import draw_feet, draw_gait, draw_velocity
+from lgmpc.viz.series import (
+    JointValues,
+    draw_forces,
+    draw_joints,
+    draw_xyz,
+    finish,
+    friction_words,
+    label_modes,
+    label_pushes,
+    stacked,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "plot_run", "run_drawings"]
+__all__ = ["FIGURES", "draw_contact_rows", "plot_run", "run_drawings"]
+
+_DETAIL_STRIDES = 6.0
+"""Number of gait cycles in the detailed views."""
+
+_STATE_COLORS = {"stance": X, "early": Z, "late": Y, "missing": EXTRA, "lost": LIMIT}
+"""Colours of the contact states in the gait diagram; swings are blank."""
+
+_TARGET: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": "--"}
 
 
 def plot_run(run: Run) -> Plots:
@@ -56,31 +82,21 @@ def run_drawings(run: Run) -> dict[str, Drawing]:
     """
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least two ticks")
-    return {name: _drawing(draw, run.log) for name, draw in FIGURES.items()}
-
-
-def _drawing(draw: Callable[[Figure, RunLog], bool], log: RunLog) -> Drawing:
-    return lambda figure: draw(figure, log)
+    return {name: partial(draw, log=run.log) for name, draw in FIGURES.items()}
 
 
 def _base(figure: Figure, log: RunLog) -> bool:
-    figure.set_size_inches(8.0, 6.2)
-    position, height, tilt = figure.subplots(3, 1, sharex=True)
-    base = log.base_pose
-    moved = base[:, :2] - base[0, :2]
+    moved = log.base_pose[:, :2] - log.base_pose[0, :2]
     unit, scale = length_unit(float(np.abs(moved).max()))
-    for axis, color, name in ((0, X, "x (forward)"), (1, Y, "y (left)")):
-        position.plot(log.time, scale * moved[:, axis], color=color, label=name)
-    target = log.above_ground(log.base_reference[:, :3])
-    height.plot(log.time, 1e3 * target, color=INK, lw=1.0, ls="--", label="target")
+    headings = ("Base displacement", unit), ("Base height above the ground", "mm"), ("Base tilt from upright", "deg")
+    position, height, tilt = rows = stacked(figure, (8.0, 6.2), *headings)
+    draw_xyz(position, log.time, scale * moved, ("x (forward)", "y (left)"))
+    height.plot(log.time, 1e3 * log.above_ground(log.base_reference[:, :3]), **_TARGET, label="target")
     height.plot(log.time, 1e3 * log.base_height, color=Z, label="base")
     tilt.plot(log.time, log.tilt_deg, color=X)
-    position.set(title="Base displacement", ylabel=unit)
-    height.set(title="Base height above the ground", ylabel="mm")
-    tilt.set(title="Base tilt from upright", ylabel="deg", xlabel="time, s", ylim=(0.0, None))
-    finish(log, position, span=2e-3 * scale)
-    finish(log, height, span=2.0)
-    finish(log, tilt)
+    tilt.set_ylim(0.0, None)
+    for axes, span in zip(rows, (2e-3 * scale, 2.0, 0.0), strict=True):
+        finish(log, axes, span=span)
     label_pushes(log, [position])
     label_modes(log, height)
     legend_above(position, height)
@@ -90,17 +106,109 @@ def _base(figure: Figure, log: RunLog) -> bool:
 def _attitude(figure: Figure, log: RunLog) -> bool:
     if not log.floating_base:
         return False
-    figure.set_size_inches(8.0, 4.8)
-    angles, rates = figure.subplots(2, 1, sharex=True)
+    headings = ("Base attitude", "deg"), ("Angular velocity, base axes", "rad/s")
+    angles, rates = stacked(figure, (8.0, 4.8), *headings)
     draw_xyz(angles, log.time, rpy_deg(log.base_pose[:, 3:]), ("roll, x", "pitch, y", "yaw, z"))
     draw_xyz(rates, log.time, log.v[:, 3:6], lw=1.1)
-    angles.set(title="Base attitude", ylabel="deg")
-    rates.set(title="Angular velocity, base axes", ylabel="rad/s", xlabel="time, s")
     finish(log, angles, span=0.2)
     finish(log, rates, span=0.02)
     label_pushes(log, [angles])
     legend_above(angles)
     return True
+
+
+def _velocity(figure: Figure, log: RunLog) -> bool:
+    """Draw velocity and yaw rate: the command, the mean over each gait cycle, and the instantaneous value."""
+    if log.command is None or log.gait_period_s is None or not log.commanded:
+        return False
+    headings = ("Velocity ahead", "m/s"), ("Velocity to the left", "m/s"), ("Yaw rate", "rad/s")
+    rows = stacked(figure, (9.6, 6.4), *headings)
+    velocity, dt = body_velocity(log), float(np.median(np.diff(log.time)))
+    window = max(1, min(round(float(log.gait_period_s.min()) / dt), log.ticks))
+    mean = stride_mean(velocity, window)
+    middle = log.time[: len(mean)] + 0.5 * (window - 1) * dt
+    for column, (axes, color) in enumerate(zip(rows, (X, Y, Z), strict=True)):
+        axes.plot(log.time, velocity[:, column], color=color, lw=0.6, alpha=0.45, label="instantaneous")
+        axes.plot(middle, mean[:, column], color=color, label="mean over a gait cycle")
+        axes.plot(log.time, log.command[:, column], **_TARGET, label="limited command")
+        finish(log, axes, span=0.1)
+    label_pushes(log, rows[:1])
+    legend_above(rows[0])
+    return True
+
+
+def _gait(figure: Figure, log: RunLog) -> bool:
+    """Draw a bar for each stance of each foot, coloured by its contact state, above the measured contact."""
+    if log.contact_states is None or log.ticks < 2 or not log.stepped:
+        return False
+    figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
+    whole, detail = figure.subplots(2, 1)
+    for axes in (whole, detail):
+        draw_contact_rows(axes, log)
+        finish(log, axes)
+    whole.set_title("Stances, and below each the measured contact")
+    detail.set(title="Detail", xlabel="time, s", xlim=_detail(log))
+    legend_above(whole)
+    return True
+
+
+def _feet(figure: Figure, log: RunLog) -> bool:
+    """Draw the height above ground of each foot's contact point and of its target, for some gait cycles."""
+    if log.swing_targets is None or log.ticks < 2 or not log.stepped:
+        return False
+    feet = log.contact_frames.tolist()
+    figure.set_size_inches(9.6, 1.0 + 1.4 * len(feet))
+    rows = figure.subplots(len(feet), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    begin, end = _detail(log)
+    shown = (log.time >= begin) & (log.time <= end)
+    time, height = log.time[shown], log.contact_clearance[shown]
+    rise = np.einsum("nki,nki->nk", log.swing_targets[shown] - log.contact_points[shown], log.contact_normals[shown])
+    for k, (axes, name) in enumerate(zip(rows, feet, strict=True)):
+        axes.plot(time, 1e3 * (height + rise)[:, k], **_TARGET, label="target")
+        axes.plot(time, 1e3 * height[:, k], color=X, label="contact point")
+        touching = log.closed[shown, k]
+        axes.fill_between(time, 0.0, 1.0, touching, transform=axes.get_xaxis_transform(), color=SOFT, alpha=0.15, lw=0)
+        axes.set_ylabel(f"{name}, mm")
+        finish(log, axes, span=10.0)
+        axes.set_xlim(begin, end)
+    rows[0].set_title("Height of the feet, shaded during contact")
+    rows[-1].set_xlabel("time, s")
+    legend_above(rows[0])
+    return True
+
+
+def _detail(log: RunLog) -> tuple[float, float]:
+    """Return an interval of some gait cycles: from before the first push while stepping, or from the first swing."""
+    assert log.stance is not None and log.gait_period_s is not None
+    lifted = np.flatnonzero(~log.stance.all(axis=1))
+    stride = float(log.gait_period_s[lifted[0]])
+    begin = float(log.time[lifted[0]])
+    pushes = [push.start for push in push_intervals(log) if push.start > begin]
+    begin = max(float(log.time[0]), (pushes[0] if pushes else begin) - stride)
+    return begin, min(begin + _DETAIL_STRIDES * stride, float(log.time[-1]))
+
+
+def draw_contact_rows(axes: Axes, log: RunLog) -> None:
+    """Draw a row for each foot: bars coloured by its contact state, if recorded, above the measured contact."""
+    feet = log.contact_frames.tolist()
+    touching = log.closed
+    states = np.full(touching.shape, -1) if log.contact_states is None else log.contact_states
+    for k in range(len(feet)):
+        row = len(feet) - 1 - k
+        for name, color in _STATE_COLORS.items():
+            flags: BoolArray = states == CONTACT_STATES.index(name)
+            label = name if k == 0 and flags.any() else None
+            axes.broken_barh(_stretches(log, flags[:, k]), (row - 0.22, 0.56), facecolors=color, label=label)
+        axes.broken_barh(_stretches(log, touching[:, k]), (row - 0.4, 0.12), facecolors=SOFT)
+    axes.set_yticks(range(len(feet)), feet[::-1])
+    axes.set_ylim(-0.6, len(feet) - 0.4)
+    axes.grid(visible=False, axis="y")
+
+
+def _stretches(log: RunLog, flags: BoolArray) -> list[tuple[float, float]]:
+    """Return start and duration of the intervals of ticks with a flag, s."""
+    times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))
+    return [(float(times[a]), float(times[b] - times[a])) for a, b in intervals(flags)]
 
 
 def _com(figure: Figure, log: RunLog) -> bool:
@@ -109,10 +217,9 @@ def _com(figure: Figure, log: RunLog) -> bool:
     first = figure.add_subplot(grid[0, 0])
     rows = [first, *(figure.add_subplot(grid[axis, 0], sharex=first) for axis in (1, 2))]
     unit, scale = length_unit(float(np.ptp(log.com[:, :2], axis=0).max()))
-    target: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": "--"}
     for axis, (axes, color, name) in enumerate(zip(rows, (X, Y, Z), "xyz", strict=True)):
         each, factor = (unit, scale) if axis < 2 else ("mm", 1e3)
-        axes.plot(log.time, factor * log.com_reference[:, axis], **target, label="target")
+        axes.plot(log.time, factor * log.com_reference[:, axis], **_TARGET, label="target")
         axes.plot(log.time, factor * log.com[:, axis], color=color, label="centre of mass")
         axes.set_ylabel(f"{name}, {each}")
         finish(log, axes, span=2e-3 * factor)
@@ -122,7 +229,7 @@ def _com(figure: Figure, log: RunLog) -> bool:
     rows[2].set_xlabel("time, s")
     above = figure.add_subplot(grid[:, 1])
     moves = bool(np.ptp(log.com_reference[:, :2], axis=0).any())
-    above.plot(*scale * log.com_reference[:, :2].T, **target, marker="" if moves else ".", label="target")
+    above.plot(*scale * log.com_reference[:, :2].T, **_TARGET, marker="" if moves else ".", label="target")
     above.plot(*scale * log.com[:, :2].T, color=X, label="centre of mass")
     above.set(title="Seen from above", xlabel=f"x, {unit}", ylabel=f"y, {unit}")
     above.set_aspect("equal", adjustable="datalim")
@@ -130,30 +237,17 @@ def _com(figure: Figure, log: RunLog) -> bool:
 
 
 def _joints(figure: Figure, log: RunLog) -> bool:
-    """Draw positions and velocities: a row for each kind of joint that all legs have, else one for all."""
     names: list[str] = log.joint_names.tolist()
     if not names:
         return False
-    kinds = joint_kinds(names)
-    rows = kinds or {"": list(range(len(names)))}
-    figure.set_size_inches(9.6, 1.2 + (1.7 if kinds else 3.0) * len(rows))
-    grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False)
-    first = 7 if log.floating_base else 0
-    scalar = log.q.shape[1] - first == len(names)  # a joint may have more coordinates than degrees of freedom
-    for (position, velocity), (kind, joints) in zip(grid, rows.items(), strict=True):
-        for count, joint in enumerate(joints):
-            label = names[joint].partition("_")[0] if kinds else names[joint]
-            style = {**joint_style(count), "lw": 1.1, "label": label}
-            position.plot(log.time, log.q[:, first + joint] if scalar else np.full(log.ticks, np.nan), **style)
-            velocity.plot(log.time, log.joint_velocity[:, joint], **style)
-        position.set(title=f"Position{kind and ', '}{kind}", ylabel="rad")
-        velocity.set(title=f"Velocity{kind and ', '}{kind}", ylabel="rad/s")
-        finish(log, position, span=0.01)
-        finish(log, velocity, span=0.02)
-    for axes in grid[-1]:
-        axes.set_xlabel("time, s")
+    angles = log.q[:, 7 if log.floating_base else 0 :]
+    if angles.shape[1] != len(names):  # a joint may have more coordinates than degrees of freedom
+        angles = np.full(log.tau.shape, np.nan)
+    columns = JointValues("Position", "rad", angles), JointValues("Velocity", "rad/s", log.joint_velocity)
+    grid = draw_joints(figure, names, log.time, *columns)
+    finish(log, *grid[:, 0], span=0.01)
+    finish(log, *grid[:, 1], span=0.02)
     label_pushes(log, grid[0])
-    legend_of_joints(grid[0, 1], len(next(iter(rows.values()))))
     return True
 
 
@@ -171,14 +265,13 @@ def _forces(figure: Figure, log: RunLog) -> bool:
 
 
 def _torques(figure: Figure, log: RunLog) -> bool:
-    """Draw torques and their limits."""
     names: list[str] = log.joint_names.tolist()
     if not names:
         return False
     limit = log.effort_limit_over_time
-    all_axes = draw_efforts(figure, "Torque", "N.m", names, log.time, log.tau, -limit, limit)
-    finish(log, *all_axes)
-    label_pushes(log, all_axes[:1])
+    grid = draw_joints(figure, names, log.time, JointValues("Torque", "N.m", log.tau, -limit, limit))
+    finish(log, *grid.flat)
+    label_pushes(log, grid[0])
     return True
 
 
@@ -222,17 +315,14 @@ def _timing(figure: Figure, log: RunLog) -> bool:
 def _estimate(figure: Figure, log: RunLog) -> bool:
     if log.estimate_q is None or log.estimate_v is None:
         return False
-    figure.set_size_inches(8.0, 6.2)
-    position, attitude, velocity = figure.subplots(3, 1, sharex=True)
+    kinds = ("base position", "mm"), ("orientation", "deg"), ("velocity, base axes", "mm/s")
+    headings = ((f"Error of the estimated {name}", unit) for name, unit in kinds)
+    position, attitude, velocity = rows = stacked(figure, (8.0, 6.2), *headings)
     draw_xyz(position, log.time, 1e3 * (log.estimate_q[:, :3] - log.q[:, :3]))
+    angles = tilt_and_yaw_deg(log.estimate_q[:, 3:7], log.q[:, 3:7])
+    draw_xyz(attitude, log.time, np.column_stack(angles), ("tilt", "yaw"))
     draw_xyz(velocity, log.time, 1e3 * (log.estimate_v[:, :3] - log.v[:, :3]), lw=0.9)
-    tilt, yaw = tilt_and_yaw_deg(log.estimate_q[:, 3:7], log.q[:, 3:7])
-    attitude.plot(log.time, tilt, color=X, label="tilt")
-    attitude.plot(log.time, yaw, color=Y, label="yaw")
-    position.set(title="Error of the estimated base position", ylabel="mm")
-    attitude.set(title="Error of the estimated orientation", ylabel="deg")
-    velocity.set(title="Error of the estimated velocity, base axes", ylabel="mm/s", xlabel="time, s")
-    finish(log, position, attitude, velocity)
+    finish(log, *rows)
     label_pushes(log, [position])
     legend_above(position, attitude)
     return True
@@ -241,9 +331,9 @@ def _estimate(figure: Figure, log: RunLog) -> bool:
 FIGURES: dict[str, Callable[[Figure, RunLog], bool]] = {
     "base": _base,
     "attitude": _attitude,
-    "velocity": draw_velocity,
-    "gait": draw_gait,
-    "feet": draw_feet,
+    "velocity": _velocity,
+    "gait": _gait,
+    "feet": _feet,
     "com": _com,
     "joints": _joints,
     "forces": _forces,

@@ -1,9 +1,9 @@
-"""Drawings over time of runs and solved trajectories: forces and friction, efforts and limits; pushes, modes."""
+"""Drawings over time of runs and trajectories: vectors, forces and friction, joints and limits; pushes, modes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,22 +11,36 @@ from numpy.typing import NDArray
 from lgmpc.runs import RunLog, push_intervals
 from lgmpc.runs.log import MODES
 from lgmpc.typing import Array, IntArray
-from lgmpc.viz.figure_files import draw_limits, joint_kinds, joint_style, legend_above, legend_of_joints
-from lgmpc.viz.style import EXTRA, LIMIT, PUSH, SOFT, X, Y, Z
+from lgmpc.viz.figure_files import (
+    EXTRA,
+    LIMIT,
+    PUSH,
+    SOFT,
+    X,
+    Y,
+    Z,
+    draw_limits,
+    joint_kinds,
+    joint_style,
+    legend_above,
+    legend_of_joints,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = [
-    "draw_efforts",
+    "JointValues",
     "draw_forces",
+    "draw_joints",
     "draw_xyz",
     "extremes",
     "finish",
     "friction_words",
     "label_modes",
     "label_pushes",
+    "stacked",
 ]
 
 _MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTRA, "damp": LIMIT}
@@ -39,9 +53,25 @@ _LABEL_BAND = 0.16
 """Fraction of an axes' height reserved for the pushes' labels."""
 
 
+def stacked(figure: Figure, size: tuple[float, float], *headings: tuple[str, str]) -> NDArray[Any]:
+    """Return axes over the same time, one below the other.
+
+    Args:
+        figure: empty figure.
+        size: width and height, inches.
+        headings: title and label of the vertical axis of each.
+    """
+    figure.set_size_inches(*size)
+    rows: NDArray[Any] = figure.subplots(len(headings), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (title, label) in zip(rows, headings, strict=True):
+        axes.set(title=title, ylabel=label)
+    rows[-1].set_xlabel("time, s")
+    return rows
+
+
 def draw_xyz(axes: Axes, time: Array, values: Array, names: Sequence[str] = ("x", "y", "z"), **style: Any) -> None:
-    """Draw the components of vectors (n, 3)."""
-    for component, color, name in zip(values.T, (X, Y, Z), names, strict=True):
+    """Draw the components of vectors (n, 3), or the first two."""
+    for component, color, name in zip(values.T, (X, Y, Z), names, strict=False):
         axes.plot(time, component, color=color, label=name, **style)
 
 
@@ -95,54 +125,65 @@ def draw_forces(
     return rows
 
 
-def draw_efforts(
-    figure: Figure,
-    title: str,
-    unit: str,
-    names: Sequence[str],
-    time: Array,
-    values: Array,
-    lower: Array,
-    upper: Array,
-    *,
-    steps: bool = False,
+class JointValues(NamedTuple):
+    """A quantity of the joints over time.
+
+    Attributes:
+        title: its name.
+        unit: unit of values and limits; empty for fractions of a limit.
+        values: (n, nu) values.
+        lower: (n, nu) lower limits, or an array that is broadcast; not finite where there are none.
+        upper: (n, nu) upper limits.
+    """
+
+    title: str
+    unit: str
+    values: Array
+    lower: Array | float = -np.inf
+    upper: Array | float = np.inf
+
+
+def draw_joints(
+    figure: Figure, names: Sequence[str], time: Array, *columns: JointValues, steps: bool = False
 ) -> NDArray[Any]:
-    """Draw efforts and their limits: a row for each kind of joint that all legs have, else ratios to the limits.
+    """Draw quantities of joints, side by side: a row for each kind of joint that all legs have, else one for all.
+
+    Quantities with limits are drawn as fractions of them if joints of several kinds share the axes.
 
     Args:
         figure: empty figure.
-        title: name of one effort.
-        unit: its unit.
         names: of the nu joints.
         time: (n,) s.
-        values: (n, nu) efforts.
-        lower: (n, nu) limits; not finite where there is none.
-        upper: (n, nu) limits.
-        steps: whether efforts are constant until the next time.
+        columns: the quantities.
+        steps: whether values are constant until the next time.
 
     Returns:
-        (k,) the axes.
+        (k, columns) the axes.
     """
     kinds = joint_kinds(names)
     rows: dict[str, list[int]] = kinds or {"": list(range(len(names)))}
-    figure.set_size_inches(8.0, 1.2 + (1.7 if kinds else 3.0) * len(rows))
-    all_axes: NDArray[Any] = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
-    known = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
-    scale = np.ones_like(values) if kinds or not known else np.maximum(np.abs(lower), np.abs(upper))
-    for axes, (kind, joints) in zip(all_axes, rows.items(), strict=True):
-        for count, joint in enumerate(joints):
-            label = names[joint].partition("_")[0] if kinds else names[joint]
-            style = {**joint_style(count), **_drawn(steps), "lw": 1.1, "label": label}
-            axes.plot(time, values[:, joint] / scale[:, joint], **style)
-        if known:
-            ends = np.stack((lower[:, joints] / scale[:, joints], upper[:, joints] / scale[:, joints]))
-            for low, high in np.unique(ends, axis=2).transpose(2, 0, 1):
-                _draw_changing_limits(axes, time, low, high, f" {{:g}} {unit}" if kinds else "")
-        axes.set_ylabel("fraction of the limit" if known and not kinds else unit)
-        axes.set_title(f"{title}, {kind}" if kinds else f"{title}s")
-    all_axes[-1].set_xlabel("time, s")
-    legend_of_joints(all_axes[0], len(next(iter(rows.values()))))
-    return all_axes
+    figure.set_size_inches(8.0 if len(columns) == 1 else 9.6, 1.2 + (1.7 if kinds else 3.0) * len(rows))
+    grid: NDArray[Any] = figure.subplots(len(rows), len(columns), sharex=True, squeeze=False)
+    for place, (title, unit, values, *limits) in enumerate(columns):
+        lower, upper = (np.broadcast_to(each, values.shape) for each in limits)
+        known = bool(np.isfinite(lower).all() and np.isfinite(upper).all())
+        share = known and not kinds
+        scale = np.maximum(np.abs(lower), np.abs(upper)) if share else np.ones_like(values)
+        for axes, (kind, joints) in zip(grid[:, place], rows.items(), strict=True):
+            for count, joint in enumerate(joints):
+                label = names[joint].partition("_")[0] if kinds else names[joint]
+                style = {**joint_style(count), **_drawn(steps), "lw": 1.1, "label": label}
+                axes.plot(time, values[:, joint] / scale[:, joint], **style)
+            if known:
+                ends = np.stack((lower[:, joints] / scale[:, joints], upper[:, joints] / scale[:, joints]))
+                for low, high in np.unique(ends, axis=2).transpose(2, 0, 1):
+                    _draw_changing_limits(axes, time, low, high, f" {{:g}} {unit}" if unit and not share else "")
+            axes.set_ylabel("fraction of the limit" if share or not unit else unit)
+            axes.set_title(f"{title}{kind and ', '}{kind}")
+    for axes in grid[-1]:
+        axes.set_xlabel("time, s")
+    legend_of_joints(grid[0, -1], len(next(iter(rows.values()))))
+    return grid
 
 
 def extremes(values: Array, bins: int = 1500) -> IntArray:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lgmpc.viz.figure_files import Drawing
-from lgmpc.viz.style import PALETTE
+from lgmpc.viz.figure_files import PALETTE, Drawing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,9 +12,8 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.log import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import Drawing, Plots, draw_figures, draw_limits, figure_title, joint_style, legend_above
-from lgmpc.viz.series import draw_efforts, draw_forces, draw_xyz
-from lgmpc.viz.style import EXTRA, INK, SOFT, X, Y
+from lgmpc.viz.figure_files import EXTRA, INK, SOFT, Drawing, Plots, X, Y, draw_figures, figure_title, legend_above
+from lgmpc.viz.series import JointValues, draw_forces, draw_joints, draw_xyz, stacked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,45 +63,33 @@ def trajectory_drawings(robot: Robot, run: SolvedRun) -> dict[str, Drawing]:
 def _base(figure: Figure, log: TrajectoryLog) -> bool:
     if not log.floating_base:
         return False
-    figure.set_size_inches(8.0, 7.8)
-    position, tilt, linear, angular = figure.subplots(4, 1, sharex=True)
+    linear, angular = (("Linear velocity, base axes", "m/s"), ("Angular velocity, base axes", "rad/s"))
+    headings = ("Base position, world", "m"), ("Base tilt from upright", "deg"), linear, angular
+    rows = stacked(figure, (8.0, 7.8), *headings)
     v = log.xs[:, log.nq :]
-    for axes, values in ((position, log.xs[:, :3]), (linear, v[:, :3]), (angular, v[:, 3:6])):
+    for axes, values in zip(rows[[0, 2, 3]], (log.xs[:, :3], v[:, :3], v[:, 3:6]), strict=True):
         draw_xyz(axes, log.times, values)
-    tilt.plot(log.times, tilt_deg(log.xs[:, 3:7]), color=INK)
-    position.set(title="Base position, world", ylabel="m")
-    tilt.set(title="Base tilt from upright", ylabel="deg", ylim=(0.0, None))
-    linear.set(title="Linear velocity, base axes", ylabel="m/s")
-    angular.set(title="Angular velocity, base axes", ylabel="rad/s", xlabel="time, s")
-    _finish(log, position, tilt, linear, angular)
-    legend_above(position)
+    rows[1].plot(log.times, tilt_deg(log.xs[:, 3:7]), color=INK)
+    rows[1].set_ylim(0.0, None)
+    _finish(log, *rows)
+    legend_above(rows[0])
     return True
 
 
 def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
-    """Draw positions of the joints within their limits, and their velocities."""
+    """Draw positions of the joints within their ranges, and velocities as fractions of their limits."""
     if robot.nu == 0:
         return False
-    figure.set_size_inches(8.0, 6.4)
-    position, velocity = figure.subplots(2, 1, sharex=True)
     lower, upper = robot.joint_lower, robot.joint_upper
-    bounded = np.isfinite(lower) & np.isfinite(upper)
-    scalar = robot.nq - robot.joint_q.start == robot.nu
-    q = log.xs[:, robot.joint_q] if scalar else np.zeros((len(log.times), 0))
-    v = log.xs[:, robot.nq :][:, robot.joint_v]
-    for i, name in enumerate(robot.joint_names):
-        if scalar and bounded[i]:
-            share = 2.0 * (q[:, i] - lower[i]) / (upper[i] - lower[i]) - 1.0
-            position.plot(log.times, share, **joint_style(i), lw=1.1, label=name)
-        velocity.plot(log.times, v[:, i] / robot.velocity_limit[i], **joint_style(i), lw=1.1, label=name)
-    draw_limits(position, -1.0, 1.0, "limit")
-    if np.abs(v / robot.velocity_limit).max() > _NEAR:
-        draw_limits(velocity, -1.0, 1.0, "limit")
-    position.set(title="Joint positions in their ranges", ylabel="fraction of the limit")
-    velocity.set(title="Joint velocities", ylabel="fraction of the limit", xlabel="time, s")
-    _finish(log, position, velocity)
-    if robot.nu <= 18:
-        figure.legend(*velocity.get_legend_handles_labels(), loc="outside right center", fontsize=8)
+    share = np.full((len(log.times), robot.nu), np.nan)
+    if robot.nq - robot.joint_q.start == robot.nu:
+        bounded = np.isfinite(lower) & np.isfinite(upper)
+        range_ = np.where(bounded, upper - lower, np.nan)
+        share = 2.0 * (log.xs[:, robot.joint_q] - lower) / range_ - 1.0
+    speed = log.xs[:, robot.nq :][:, robot.joint_v] / robot.velocity_limit
+    end = 1.0 if np.abs(speed).max() > _NEAR else np.inf
+    columns = JointValues("Position in its range", "", share, -1.0, 1.0), JointValues("Velocity", "", speed, -end, end)
+    _finish(log, *draw_joints(figure, robot.joint_names, log.times, *columns).flat)
     return True
 
 
@@ -111,8 +98,8 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
     names: list[str] = log.control_names.tolist()
     if not names:
         return False
-    ends = (np.broadcast_to(each, (len(log.times), len(names))) for each in (log.control_lower, log.control_upper))
-    _finish(log, *draw_efforts(figure, "Control", log.control_unit, names, log.times, _held(log.us), *ends, steps=True))
+    controls = JointValues("Control", log.control_unit, _held(log.us), log.control_lower, log.control_upper)
+    _finish(log, *draw_joints(figure, names, log.times, controls, steps=True).flat)
     return True
 
 
@@ -123,10 +110,8 @@ def _forces(figure: Figure, log: TrajectoryLog) -> bool:
     forces = _held(log.contact_forces)
     normal, tangential = forces[:, :, 2], np.linalg.norm(forces[:, :, :2], axis=2)
     limit = log.friction * np.maximum(normal, 0.0) if np.isfinite(log.friction) else None
-    names = log.contact_frames.tolist()
-    _finish(
-        log, *draw_forces(figure, names, log.times, normal, tangential, limit, f"{log.friction:g}", steps=True).flat
-    )
+    names, words = log.contact_frames.tolist(), f"{log.friction:g}"
+    _finish(log, *draw_forces(figure, names, log.times, normal, tangential, limit, words, steps=True).flat)
     return True
 
 

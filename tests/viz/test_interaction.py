@@ -15,9 +15,8 @@ from snapshot import headless_chromium
 
 from lgmpc.chromium import find_chromium
 from lgmpc.runs import Run
-from lgmpc.viz.figure_files import svg_figures
+from lgmpc.viz.figure_files import X, Y, svg_figures
 from lgmpc.viz.report import figures, report_page, section
-from lgmpc.viz.style import X, Y
 from lgmpc.viz.sweep_plots import PassShare, boundary_drawing, share_drawing
 
 browsers = [

@@ -13,9 +13,8 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Outcome, Run, Verdict
 from lgmpc.runs.forensics import explain_run
 from lgmpc.viz import plots, run_report
-from lgmpc.viz.figure_files import svg_figures
+from lgmpc.viz.figure_files import INK, svg_figures
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
-from lgmpc.viz.style import INK
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 

@@ -9,10 +9,10 @@ import pytest
 
 from lgmpc.runs import compute_metrics
 from lgmpc.viz import plots
+from lgmpc.viz.figure_files import figure_maker
 from lgmpc.viz.overlay import SPEED_SHOWN_M_S
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.style import figure_maker
 
 from .conftest import FOOTHOLD, SWING_END, SWING_START
 from .test_overlay import at, shown

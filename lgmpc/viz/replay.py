@@ -107,13 +107,15 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: Terrain) -> _Content:
     body.animate(scene, frames.times, log.q[frames.ticks])
     add_overlay(scene, log, frames, scale, ground, height, body.trunk_half_sides())
     impulses = np.array([push.impulse for push in push_intervals(log)]).reshape(-1, 3)
+    notes = {"cones": f"µ = {friction_words(log)}", "com": "orange: target"}
+    notes["command"] = f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s"
     names = dict(enumerate(MODES))
     modes = [] if log.mode is None else [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
     return {
         "fog": [FLOOR_COLOR, *fog],
         "camera": frame_camera(lowest, highest, travel, impulses, ground),
         "facts": [] if run.result.metrics is None else _facts(run.result.metrics),
-        "legend": _legend(log, scale),
+        "legend": _legend(scene, scale, **notes),
         "pushes": _pushes(log),
         "start": float(log.time[0]),
         "series": time_line(frames.times, _readouts(log, frames), modes),
@@ -161,13 +163,19 @@ def _pushes(log: RunLog) -> list[_Content]:
 def _facts(metrics: Metrics) -> list[tuple[str, str]]:
     values = flat_metrics(metrics)
     shown = _FACTS_OF_RUNS | (_FACTS_OF_STANDING if metrics.walking is None else _FACTS_OF_WALKING)
-    facts = []
-    for key, words in shown.items():
-        value = values.get(key)
-        if value is not None:
-            _, unit, scale = figure_words(key.removesuffix(".p50").rpartition(".")[2], value)
-            facts.append((words, f"{figure_number(scale * value, unit)} {unit}".rstrip()))
-    return facts
+    known = {key: value for key in shown if (value := values.get(key)) is not None}
+    return [(shown[key], _fact(key.removesuffix(".p50").rpartition(".")[2], value)[1]) for key, value in known.items()]
+
+
+def _solved_facts(figures: Mapping[str, float]) -> list[tuple[str, str]]:
+    hidden = ("complementarity", "constraint_violation")
+    facts = [_fact(name, value) for name, value in figures.items() if not np.isnan(value) and name not in hidden]
+    return facts[:_FACTS]
+
+
+def _fact(name: str, value: float) -> tuple[str, str]:
+    words, unit, scale = figure_words(name, value)
+    return words, f"{figure_number(scale * value, unit)} {unit}".rstrip()
 
 
 _SEE_THROUGH: _Content = {
@@ -179,31 +187,39 @@ _SEE_THROUGH: _Content = {
 }
 
 
-def _entry(key: str, label: str, note: str = "", *, on: bool = True) -> _Content:
-    """Return a legend entry that shows or hides an overlay."""
-    return {"path": f"/overlay/{key}", "label": label, "note": note, "color": f"#{COLORS[key]:06x}", "on": on}
+_LEGEND = {
+    "forces": "contact forces",
+    "planned": "planned forces",
+    "cones": "friction cones",
+    "com": "centre of mass",
+    "horizon": "predicted path",
+    "footholds": "next footholds",
+    "swings": "swing paths",
+    "command": "commanded velocity",
+    "push": "push",
+    "thrusts": "thrusts",
+    "places": "places to reach",
+    "path": "path",
+}
+"""Folders of the overlay, in the order of the legend, and their labels."""
+_HIDDEN = ("planned",)
+"""Folders that are hidden at first."""
 
 
-def _force_note(scale: Scale) -> str:
-    return f"{100.0 * scale.length:.2g} cm = {scale.newtons:g} N"
-
-
-def _legend(log: RunLog, scale: Scale) -> list[_Content]:
-    entries = []
-    if len(log.contact_frames):
-        entries.append(_entry("forces", "contact forces", _force_note(scale)))
-        entries.append(_entry("planned", "planned forces", on=False))
-        entries.append(_entry("cones", "friction cones", f"µ = {friction_words(log)}"))
-    entries.append(_entry("com", "centre of mass", "orange: target"))
-    if len(log.mpc_time):
-        entries.append(_entry("horizon", "predicted path"))
-    if log.stepped:
-        entries += [_entry("footholds", "next footholds"), _entry("swings", "swing paths")]
-    if log.commanded:
-        note = f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s"
-        entries.append(_entry("command", "commanded velocity", note))
-    if log.push.any():
-        entries.append(_entry("push", "push", _force_note(scale)))
+def _legend(scene: Scene, scale: Scale, **notes: str) -> list[_Content]:
+    """Return an entry for each folder of the overlay, which shows or hides it; notes by folder."""
+    notes |= dict.fromkeys(("forces", "push", "thrusts"), f"{100.0 * scale.length:.2g} cm = {scale.newtons:g} N")
+    present = [key for key in _LEGEND if scene.has(f"/overlay/{key}/")]
+    entries: list[_Content] = [
+        {
+            "path": f"/overlay/{key}",
+            "label": _LEGEND[key],
+            "note": notes.get(key, ""),
+            "color": f"#{COLORS[key]:06x}",
+            "on": key not in _HIDDEN,
+        }
+        for key in present
+    ]
     return [*entries, _SEE_THROUGH]
 
 
@@ -225,11 +241,12 @@ def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: Terrain)
     body.animate(scene, pictures.times, pictures.q)
     size = max(0.15 * frame.size, 0.05 * frame.seen)
     add_trajectory_overlay(scene, robot, log, pictures, scale, size, ground)
+    path = ", ".join(path_names(robot, log)) or "centre of mass"
     return {
         "fog": [FLOOR_COLOR, *fog],
         "camera": frame_camera(*corners, frame.travel, np.zeros((0, 3)), ground),
         "facts": _solved_facts(run.result.figures),
-        "legend": _solved_legend(robot, log, scale),
+        "legend": _legend(scene, scale, cones=f"µ = {log.friction:g}", path=path),
         "pushes": [],
         "phases": _phases(log),
         "marks": sorted({float(time - log.times[0]) for time in log.waypoint_times}),
@@ -314,27 +331,3 @@ def _phases(log: TrajectoryLog) -> list[_Content]:
         spans = [[float(log.times[a]), float(log.times[b])] for a, b in intervals(log.contact_flags[:, k])]
         phases.append({"name": name, "spans": [[a, b] for a, b in spans if b > a]})
     return phases
-
-
-def _solved_facts(figures: Mapping[str, float]) -> list[tuple[str, str]]:
-    facts = []
-    for name, value in figures.items():
-        words, unit, scale = figure_words(name, value)
-        if not np.isnan(value) and name not in ("complementarity", "constraint_violation"):
-            facts.append((words, f"{figure_number(scale * value, unit)} {unit}".rstrip()))
-    return facts[:_FACTS]
-
-
-def _solved_legend(robot: Robot, log: TrajectoryLog, scale: Scale) -> list[_Content]:
-    entries = []
-    if log.contact_flags.any():
-        entries.append(_entry("forces", "contact forces", _force_note(scale)))
-        if np.isfinite(log.friction):
-            entries.append(_entry("cones", "friction cones", f"µ = {log.friction:g}"))
-        entries.append(_entry("com", "centre of mass"))
-    if thrusters(robot, log):
-        entries.append(_entry("thrusts", "thrusts", _force_note(scale)))
-    if len(log.waypoint_names):
-        entries.append(_entry("places", "places to reach"))
-    entries.append(_entry("path", "path", ", ".join(path_names(robot, log)) or "centre of mass"))
-    return [*entries, _SEE_THROUGH]

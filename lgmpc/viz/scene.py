@@ -119,6 +119,10 @@ class Scene:
         data = {"attributes": {"position": self._attribute(points.astype(np.float32))}}
         self._add(path, "LineSegments", _buffers(data), material)
 
+    def has(self, folder: str) -> bool:
+        """Return whether there is an object whose path begins so."""
+        return any(each["type"] == "set_object" and each["path"].startswith(folder) for each in self._commands)
+
     def set(self, path: str, name: str, value: object) -> None:
         """Set a property (visible, position, scale, ...) of the object at ``path``."""
         self._commands.append({"type": "set_property", "path": path, "property": name, "value": value})

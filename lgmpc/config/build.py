@@ -160,16 +160,19 @@ def build_recorder(
         world: the world of a simulated robot.
     """
     mpc = next((part.mpc for _, part in config.parts() if part.mpc.enabled), None)
+    optional = {
+        "estimate": estimated,
+        "fault": not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
+        "step": True,
+        "friction": config.joint_friction is not None,
+        "forecast": config.locomotion.reaction.enabled,
+    }
     return Recorder(
         nq=robot.nq,
         nv=robot.nv,
         effort_limit=effort_limit,
         joint_names=robot.joint_names,
-        estimated=estimated,
-        monitored=not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
-        stepping=True,
-        friction_estimated=config.joint_friction is not None,
-        forecasts=config.locomotion.reaction.enabled,
+        optional={name for name, recorded in optional.items() if recorded},
         mass=mass,
         contact_frames=robot.contact_frames,
         friction=friction,

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lgmpc.runs.log import CHANNELS, ESTIMATE_CHANNELS, MPC_CHANNELS, STEP_CHANNELS, RunLog
+from lgmpc.runs.channels import channels_of
+from lgmpc.runs.log import RunLog
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Difference", "first_difference"]
@@ -49,41 +50,29 @@ def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) 
         second: second log, decimated as the first.
         until_s: end of the comparison, s.
     """
-    ticks = {**CHANNELS, **ESTIMATE_CHANNELS, **STEP_CHANNELS}
     found = []
-    for names, times in ((ticks, "time"), (MPC_CHANNELS, "mpc_time")):
-        a, b = (_before(getattr(log, times), until_s) for log in (first, second))
-        time = getattr(first if a >= b else second, times)
-        for name in names:
-            if name not in _DURATIONS and getattr(first, name) is not None and getattr(second, name) is not None:
+    for table, times in (("tick", "time"), ("estimate", "time"), ("step", "time"), ("update", "mpc_time")):
+        a, b = (int(np.searchsorted(getattr(log, times), until_s - 1e-9)) for log in (first, second))
+        time: Array = getattr(first if a >= b else second, times)
+        for name in channels_of(RunLog, table):
+            one, other = getattr(first, name), getattr(second, name)
+            if name not in _DURATIONS and one is not None and other is not None:
                 count = max(min(a, b) - (name == "wbc_status"), 0)
-                each = _in_channel(name, getattr(first, name)[:count], getattr(second, name)[:count], time)
-                found += [] if each is None else [each]
+                found += _in_channel(name, one[:count], other[:count], time)
         if a != b:
             last = float(time[min(a, b)])
             found.append(Difference(min(a, b), last, times, *((last, np.nan) if a > b else (np.nan, last))))
     return min(found, key=lambda each: each.time_s, default=None)
 
 
-def _before(time: Array, until_s: float) -> int:
-    return int(np.searchsorted(time, until_s - 1e-9))
-
-
-def _in_channel(name: str, a: Array, b: Array, time: Array) -> Difference | None:
-    """Return the first difference of two (n, ...) arrays."""
+def _in_channel(name: str, a: Array, b: Array, time: Array) -> list[Difference]:
+    """Return the first difference of two (n, ...) arrays: NaN equals itself, zeros of two signs differ."""
     if a.shape != b.shape:
-        return Difference(0, float(time[0]), f"{name} (shape)", float(a[0].size), float(b[0].size))
-    different = _different(a, b)
+        return [Difference(0, float(time[0]), f"{name} (shape)", float(a[0].size), float(b[0].size))]
+    bits = [np.ascontiguousarray(each).view(np.int64) if each.dtype == np.float64 else each for each in (a, b)]
+    different: BoolArray = bits[0] != bits[1]
     if not different.any():
-        return None
+        return []
     at = tuple(int(each) for each in np.unravel_index(int(np.argmax(different)), different.shape))
     element = "".join(f"[{each}]" for each in at[1:])
-    return Difference(at[0], float(time[at[0]]), f"{name}{element}", float(a[at]), float(b[at]))
-
-
-def _different(a: Array, b: Array) -> BoolArray:
-    """Return where two arrays have different bits: NaN equals itself, zeros of two signs differ."""
-    if a.dtype == np.float64:
-        a, b = np.ascontiguousarray(a).view(np.int64), np.ascontiguousarray(b).view(np.int64)
-    different: BoolArray = a != b
-    return different
+    return [Difference(at[0], float(time[at[0]]), f"{name}{element}", float(a[at]), float(b[at]))]

@@ -22,16 +22,11 @@ __all__ = [
     "CHANNELS",
     "CONTACT_FORCE_N",
     "CONTACT_STATES",
-    "ESTIMATE_CHANNELS",
-    "FAULT_CHANNELS",
-    "FORECAST_CHANNELS",
-    "FRICTION_CHANNELS",
     "GROUND_CHANNELS",
-    "LIMIT_CHANNELS",
     "MODES",
     "MPC_CHANNELS",
+    "OPTIONAL",
     "SENSOR_FAULTS",
-    "STEP_CHANNELS",
     "RunLog",
     "tilt_deg",
 ]
@@ -53,8 +48,10 @@ CONTACT_FORCE_N = 0.1
 
 
 _tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
-_OPTIONAL = ("estimate", "fault", "step", "friction", "forecast", "limit")
-_estimate, _fault, _step, _friction, _forecast, _limit = (partial(channel, name, optional=True) for name in _OPTIONAL)
+OPTIONAL = ("step", "estimate", "fault", "friction", "forecast", "limit")
+"""Tables of runs with steps, with an estimator, with monitored sensors, with estimated joint friction, with forecasts
+of steps against pushes, and of continued runs whose floor or torque limits changed."""
+_step, _estimate, _fault, _friction, _forecast, _limit = (partial(channel, name, optional=True) for name in OPTIONAL)
 _entry = partial(channel, "entry")
 
 
@@ -205,7 +202,7 @@ class RunLog(ArrayFile):
     @property
     def estimated(self) -> bool:
         """Whether the controller received an estimate."""
-        return any(getattr(self, name) is not None for name in ESTIMATE_CHANNELS)
+        return self.estimate_q is not None
 
     @property
     def commanded(self) -> bool:
@@ -219,7 +216,8 @@ class RunLog(ArrayFile):
 
     def _tick_tables(self) -> list[Mapping[str, Channel]]:
         """Return the tables of channels per tick that this log has."""
-        present = [table for table in _OPTIONAL_CHANNELS if any(getattr(self, name) is not None for name in table)]
+        optional = (channels_of(RunLog, table) for table in OPTIONAL)
+        present = [table for table in optional if any(getattr(self, name) is not None for name in table)]
         return [CHANNELS, GROUND_CHANNELS, *present]
 
     @property
@@ -352,14 +350,7 @@ class RunLog(ArrayFile):
 
 
 CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (channels_of(RunLog, table) for table in ("tick", "ground", "update"))
-_OPTIONAL_CHANNELS = tuple(channels_of(RunLog, table) for table in _OPTIONAL)
-ESTIMATE_CHANNELS, FAULT_CHANNELS, STEP_CHANNELS, FRICTION_CHANNELS, FORECAST_CHANNELS, LIMIT_CHANNELS = (
-    _OPTIONAL_CHANNELS
-)
-"""Channels by table, one entry per MPC update or per logged control tick; those of the ground are computed when the
-log is made. The last six tables are those of runs with an estimator, of runs whose sensors are monitored, of runs whose
-steps are recorded, of runs that estimate joint friction, of runs that forecast steps against pushes, and of continued
-runs whose floor or torque limits changed."""
+"""Channels of a control tick, those of the ground, computed when the log is made, and those of an MPC update."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 

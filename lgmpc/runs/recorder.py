@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import accumulate
 from typing import Any
 
@@ -12,20 +12,9 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.runs.channels import Channel
+from lgmpc.runs.channels import Channel, channels_of
 from lgmpc.runs.ground import ground_channels
-from lgmpc.runs.log import (
-    CHANNELS,
-    ESTIMATE_CHANNELS,
-    FAULT_CHANNELS,
-    FORECAST_CHANNELS,
-    FRICTION_CHANNELS,
-    GROUND_CHANNELS,
-    LIMIT_CHANNELS,
-    MPC_CHANNELS,
-    STEP_CHANNELS,
-    RunLog,
-)
+from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, OPTIONAL, RunLog
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 from lgmpc.world import World
@@ -55,18 +44,12 @@ class Recorder:
         control_period_s: time between two control ticks, s.
         ticks: expected number of control ticks.
         mpc_nodes: N, the horizon's number of intervals (0 = no MPC).
-        mpc_period_s: time between two MPC updates, s (0 = no MPC).
         mpc_updates: expected number of MPC updates.
-        floating_base: whether ``q`` begins with a base pose.
         joint_names: (nu,) names of the actuated joints; numbered unless given.
-        estimated: whether the estimate that the controller receives is recorded.
-        monitored: whether replaced readings of sensors are recorded.
-        stepping: whether commands and steps are recorded.
-        friction_estimated: whether estimated joint friction is recorded.
-        forecasts: whether durations of forecasts of steps against pushes are recorded.
+        optional: names of the optional tables that are recorded: estimate, fault, step, friction, forecast.
         mass: of the simulated robot, kg; NaN if unknown.
         world: the world relative to whose ground the run is judged; a level floor unless given.
-        upright_axis: (3,) axis of the base that is vertical in the robot's posture; unless given, in the first target.
+        entries: further single values of :class:`~lgmpc.runs.log.RunLog`: mpc_period_s, floating_base, upright_axis.
 
     Attributes:
         world: as given.
@@ -87,18 +70,12 @@ class Recorder:
         control_period_s: float,
         ticks: int,
         mpc_nodes: int = 0,
-        mpc_period_s: float = 0.0,
         mpc_updates: int = 0,
-        floating_base: bool = True,
         joint_names: Sequence[str] | None = None,
-        estimated: bool = False,
-        monitored: bool = False,
-        stepping: bool = False,
-        friction_estimated: bool = False,
-        forecasts: bool = False,
+        optional: Collection[str] = (),
         mass: float = math.nan,
         world: World | None = None,
-        upright_axis: ArrayLike | None = None,
+        **entries: Any,
     ) -> None:
         self.world = World() if world is None else world
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
@@ -106,39 +83,23 @@ class Recorder:
                 raise InputError(name, value, "a number that is not negative")
         if not control_period_s > 0.0:
             raise InputError("control_period_s", control_period_s, "a positive time in seconds")
-        self._effort_limit = np.array(effort_limit, dtype=np.float64)
-        joints = [f"joint {k + 1}" for k in range(len(self._effort_limit))] if joint_names is None else joint_names
-        if len(joints) != len(self._effort_limit):
-            raise InputError(
-                "joint_names", f"{len(joints)} names", f"one for each of {len(self._effort_limit)} torques"
-            )
-        self._joint_names = np.array(list(joints), dtype=np.str_)
-        self._contact_frames = np.array(list(contact_frames), dtype=np.str_)
-        self._friction = float(friction)
-        self._limits = [(0, self._friction, self._effort_limit)]  # first tick, floor, torque limits
-        self._contact_radius = float(contact_radius)
-        self._control_period_s = float(control_period_s)
-        self._mpc_period_s = float(mpc_period_s)
-        self._floating_base = floating_base
-        self._mass = float(mass)
-        self._upright_axis = None if upright_axis is None else np.array(upright_axis, dtype=np.float64)
-        sizes = {
-            "nq": nq,
-            "nv": nv,
-            "nu": len(self._effort_limit),
-            "nc": len(self._contact_frames),
-            "nodes": mpc_nodes + 1,
+        effort = np.array(effort_limit, dtype=np.float64)
+        joints = [f"joint {k + 1}" for k in range(len(effort))] if joint_names is None else list(joint_names)
+        if len(joints) != len(effort):
+            raise InputError("joint_names", f"{len(joints)} names", f"one for each of {len(effort)} torques")
+        self._limits = [(0, float(friction), effort)]  # first tick, friction of the floor, torque limits
+        self._entries = {"mpc_period_s": 0.0, "floating_base": True, "upright_axis": None} | entries
+        self._entries |= {
+            "joint_names": np.array(joints, dtype=np.str_),
+            "contact_frames": np.array(list(contact_frames), dtype=np.str_),
+            "contact_radius": float(contact_radius),
+            "control_period_s": float(control_period_s),
+            "mass_kg": float(mass),
         }
-        optional = (
-            (stepping, STEP_CHANNELS),
-            (estimated, ESTIMATE_CHANNELS),
-            (monitored, FAULT_CHANNELS),
-            (friction_estimated, FRICTION_CHANNELS),
-            (forecasts, FORECAST_CHANNELS),
-        )
+        sizes = {"nq": nq, "nv": nv, "nu": len(effort), "nc": len(contact_frames), "nodes": mpc_nodes + 1}
         channels = dict(CHANNELS)
-        for included, table in optional:
-            channels |= table if included else {}
+        for table in OPTIONAL:
+            channels |= channels_of(RunLog, table) if table in optional else {}
         self._ticks = _Rows(channels, sizes, ticks)
         self._updates = _Rows(MPC_CHANNELS, sizes, mpc_updates)
 
@@ -185,44 +146,29 @@ class Recorder:
 
     def set_limits(self, *, friction: float, effort_limit: ArrayLike, mass: float) -> None:
         """Change floor, torque limits and mass from the next tick on; units as in the constructor."""
-        self._friction, self._effort_limit, self._mass = friction, np.array(effort_limit, dtype=np.float64), mass
-        self._limits.append((self.ticks, self._friction, self._effort_limit))
+        self._limits.append((self.ticks, friction, np.array(effort_limit, dtype=np.float64)))
+        self._entries["mass_kg"] = mass
 
     def log_bytes(self, every: int = 1) -> int:
         """Return the expected size of the log's arrays with one of ``every`` ticks, B."""
         ground = sum(math.prod(self._ticks.shape_of(channel)) for channel in GROUND_CHANNELS.values()) * 8
         return -(-(self._ticks.log_bytes + ground * self._ticks.capacity) // every) + self._updates.log_bytes
 
-    def _limit_channels(self) -> dict[str, Any]:
-        """Return the channels of limits; none if they did not change."""
-        if all(mu == self._friction and np.array_equal(effort, self._effort_limit) for _, mu, effort in self._limits):
-            return {}
-        friction, effort = np.empty(self.ticks), np.empty((self.ticks, len(self._effort_limit)))
-        for first, mu, limit in self._limits:
-            friction[first:], effort[first:] = mu, limit
-        return dict(zip(LIMIT_CHANNELS, (friction, effort), strict=True))
-
     def log(self) -> RunLog:
         """Return a copy of all that has been recorded, relative to the ground of the world."""
         ticks = self._ticks.columns()
-        base = ticks["q"][:, :3] if self._floating_base else np.zeros((self.ticks, 3))
+        base = ticks["q"][:, :3] if self._entries["floating_base"] else np.zeros((self.ticks, 3))
         points, normals = ticks["contact_points"], ticks["contact_normals"]
-        ticks |= ground_channels(self.world, self._contact_radius, base, points, normals)
-        return RunLog(
-            **ticks,
-            **self._updates.columns(),
-            **self._limit_channels(),
-            contact_frames=self._contact_frames.copy(),
-            joint_names=self._joint_names.copy(),
-            effort_limit=self._effort_limit.copy(),
-            friction=self._friction,
-            contact_radius=self._contact_radius,
-            control_period_s=self._control_period_s,
-            mpc_period_s=self._mpc_period_s,
-            floating_base=self._floating_base,
-            mass_kg=self._mass,
-            upright_axis=self._upright_axis,
-        )
+        ticks |= ground_channels(self.world, self._entries["contact_radius"], base, points, normals)
+        _, mu, effort = self._limits[-1]
+        if any(each != mu or not np.array_equal(limit, effort) for _, each, limit in self._limits):
+            ticks |= {"floor_friction": np.empty(self.ticks), "torque_limits": np.empty((self.ticks, len(effort)))}
+            for first, each, limit in self._limits:
+                ticks["floor_friction"][first:], ticks["torque_limits"][first:] = each, limit
+        entries = {
+            name: np.copy(each) if isinstance(each, np.ndarray) else each for name, each in self._entries.items()
+        }
+        return RunLog(**ticks, **self._updates.columns(), **entries, friction=mu, effort_limit=effort.copy())
 
 
 class _Rows:

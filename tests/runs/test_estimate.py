@@ -12,8 +12,8 @@ import pytest
 
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, compute_metrics, flat_metrics, judge
+from lgmpc.runs.channels import channels_of
 from lgmpc.runs.estimate import tilt_and_yaw_deg
-from lgmpc.runs.log import ESTIMATE_CHANNELS
 
 from .conftest import new_recorder, record_standing
 
@@ -26,7 +26,7 @@ def about(axis: np.ndarray, degrees: float) -> np.ndarray:
 @pytest.fixture(scope="module")
 def estimated() -> RunLog:
     """The standing log; the estimate drifts by 4 mm along x and 2 degrees about z, is 0.3 m/s off, one foot wrong."""
-    recorder, n = new_recorder(estimated=True), 1000
+    recorder, n = new_recorder(optional=("estimate",)), 1000
     q, v = np.zeros(19), np.zeros(18)
     q[2], v[1] = 0.24, -0.3
 
@@ -58,7 +58,7 @@ def test_errors_are_those_that_were_made(estimated: RunLog) -> None:
 
 
 def test_the_estimators_time_counts_for_the_deadline() -> None:
-    recorder = new_recorder(estimated=True)
+    recorder = new_recorder(optional=("estimate",))
     late = estimate(np.zeros(19), np.zeros(18), [0] * 4, 0.95)  # + 0.1 ms of the controller's
     record_standing(recorder, 10, lambda tick: late)
     assert compute_metrics(recorder.log()).deadline_misses == 10
@@ -84,12 +84,12 @@ def test_a_folder_keeps_it(estimated: RunLog, tmp_path: Path) -> None:
     folder.write_result(RunResult("estimated", judge(metrics, Gate()), metrics))
     run = RunFolder.load(folder.path)
     assert run.result.metrics == metrics
-    for name in ESTIMATE_CHANNELS:
+    for name in channels_of(RunLog, "estimate"):
         np.testing.assert_array_equal(getattr(run.log, name), getattr(estimated, name)[::4])
 
 
 def test_runs_without_an_estimate_are_read_as_before(standing: RunLog) -> None:
-    assert not standing.estimated and set(ESTIMATE_CHANNELS).isdisjoint(standing.arrays())
+    assert not standing.estimated and set(channels_of(RunLog, "estimate")).isdisjoint(standing.arrays())
     again = RunLog.from_arrays(standing.arrays())
     assert again.estimate_q is None and again.decimated(2).estimate_ms is None
     metrics = compute_metrics(again)
@@ -121,11 +121,11 @@ def test_a_recorder_takes_all_channels_of_an_estimate_or_none() -> None:
         record_standing(new_recorder(), 1, lambda tick: channels)
     del channels["estimate_ms"]
     with pytest.raises(InputError, match="^channels: got estimate_ms"):
-        record_standing(new_recorder(estimated=True), 1, lambda tick: channels)
+        record_standing(new_recorder(optional=("estimate",)), 1, lambda tick: channels)
 
 
 def test_a_tick_cut_in_half_leaves_no_estimate() -> None:
-    recorder = new_recorder(estimated=True)
+    recorder = new_recorder(optional=("estimate",))
     whole = estimate(np.zeros(19), np.zeros(18), [0] * 4, 0.0)
     with pytest.raises(ValueError):
         record_standing(recorder, 6, lambda tick: whole if tick < 5 else {**whole, "estimate_q": np.zeros(18)})

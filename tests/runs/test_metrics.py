@@ -253,7 +253,7 @@ def test_failures_and_missed_deadlines_are_counted(changed) -> None:
 
 
 def test_forecasts_count_against_the_period_and_are_a_metric() -> None:
-    recorder = new_recorder(forecasts=True)
+    recorder = new_recorder(optional=("forecast",))
     record_standing(recorder, 50, lambda k: {"forecast_ms": {21: 0.85, 31: 0.95}.get(k, 0.0)})  # each tick takes 0.1
     metrics = compute_metrics(recorder.log())
     assert metrics.forecast_ms is not None and metrics.forecast_ms.max == 0.95

@@ -14,7 +14,8 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, WalkingMetrics, compute_metrics, flat_metrics, judge
-from lgmpc.runs.log import CONTACT_STATES, MODES, STEP_CHANNELS
+from lgmpc.runs.channels import channels_of
+from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.walking import SETTLING_S, body_velocity, stride_mean
 
 from .conftest import FEET, new_recorder, record_standing
@@ -337,14 +338,14 @@ def test_a_folder_keeps_steps_and_figures(standing, tmp_path: Path) -> None:
     run = RunFolder.load(folder.path)
     assert run.result.metrics == metrics
     assert run.log.mass_kg == MASS
-    for name in STEP_CHANNELS:
+    for name in channels_of(RunLog, "step"):
         np.testing.assert_array_equal(getattr(run.log, name), getattr(log, name)[::4])
     assert {f"walking.{each.name}" for each in fields(WalkingMetrics)} <= flat_metrics(metrics).keys()
 
 
 def test_logs_without_steps_are_read_as_before(standing) -> None:
     arrays = standing.arrays()
-    assert set(STEP_CHANNELS).isdisjoint(arrays)
+    assert set(channels_of(RunLog, "step")).isdisjoint(arrays)
     del arrays["mass_kg"]  # as the first lgmpc wrote them
     again = RunLog.from_arrays(arrays)
     assert not again.commanded and np.isnan(again.mass_kg) and again.decimated(2).footholds is None
@@ -378,12 +379,12 @@ def test_a_recorder_takes_all_channels_of_steps_or_none() -> None:
         record_standing(new_recorder(), 1, steps)
     with pytest.raises(InputError, match="^channels: got footholds;"):
         record_standing(
-            new_recorder(stepping=True), 1, lambda k: {n: v for n, v in steps(k).items() if n != "footholds"}
+            new_recorder(optional=("step",)), 1, lambda k: {n: v for n, v in steps(k).items() if n != "footholds"}
         )
 
 
 def test_recorded_steps_are_logged() -> None:
-    recorder = new_recorder(stepping=True, mass=2.5)
+    recorder = new_recorder(optional=("step",), mass=2.5)
     record_standing(recorder, 5, steps)
     log = recorder.log()
     assert log.commanded and log.mass_kg == 2.5

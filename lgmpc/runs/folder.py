@@ -10,14 +10,12 @@ import shutil
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError, nearest
 from lgmpc.runs.atomic import atomic_write, reason_of
@@ -37,7 +35,8 @@ __all__ = [
     "load_run",
 ]
 
-T = TypeVar("T")
+A = TypeVar("A", RunLog, TrajectoryLog)
+R = TypeVar("R", RunResult, SolveResult)
 
 _DAMAGE = (
     ValueError,
@@ -168,19 +167,19 @@ class RunFolder:
 
     def write_log(self, log: RunLog) -> None:
         """Write the arrays: numbers and strings only, so that nothing in the file is pickled."""
-        self._write_arrays(LOG_FILE, log.arrays())
+        self._write_arrays(LOG_FILE, log)
 
     def write_trajectory(self, trajectory: TrajectoryLog) -> None:
         """Write the arrays of a solved problem; nothing in the file is pickled."""
-        self._write_arrays(TRAJECTORY_FILE, trajectory.arrays())
+        self._write_arrays(TRAJECTORY_FILE, trajectory)
 
     def write_result(self, result: RunResult | SolveResult) -> None:
         """Write ``run.json``: last, because a folder that has it is complete."""
         self._write(RESULT_FILE, result.to_json())
 
-    def _write_arrays(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> None:
+    def _write_arrays(self, name: str, log: RunLog | TrajectoryLog) -> None:
+        values: dict[str, Any] = log.arrays()
         with atomic_write(self.path / name) as file:
-            values: dict[str, Any] = dict(arrays)
             np.savez(file, **values)
 
     def _write(self, name: str, text: str) -> None:
@@ -195,17 +194,13 @@ class RunFolder:
             RunFolderError: if it is not a run folder, or a file is missing, damaged, or of a newer schema.
         """
         path = Path(path)
-        config, result = _texts(path)
-        parsed = RunResult.from_json(result, str(path / RESULT_FILE))
-        return Run(path, config, _read_arrays(path / LOG_FILE, RunLog.from_arrays), parsed)
+        return Run(path, *_read(path, RunLog, RunResult))
 
     @staticmethod
     def load_solved(path: Path | str) -> SolvedRun:
         """Return the checked contents of a solved problem's run folder; errors as :meth:`load`."""
         path = Path(path)
-        config, result = _texts(path)
-        parsed = SolveResult.from_json(result, str(path / RESULT_FILE))
-        return SolvedRun(path, config, _read_arrays(path / TRAJECTORY_FILE, TrajectoryLog.from_arrays), parsed)
+        return SolvedRun(path, *_read(path, TrajectoryLog, SolveResult))
 
 
 def find_run(text: str, runs: str | Path = "runs") -> Path:
@@ -250,6 +245,13 @@ def load_run(run: str | Path, runs: str | Path = "runs") -> Run | SolvedRun:
     return RunFolder.load_solved(path) if solved else RunFolder.load(path)
 
 
+def _read(path: Path, arrays: type[A], result: type[R]) -> tuple[str, A, R]:
+    """Return config, arrays and result of a folder."""
+    config, text = _texts(path)
+    parsed = result.from_json(text, str(path / RESULT_FILE))
+    return config, _read_arrays(path / (TRAJECTORY_FILE if arrays is TrajectoryLog else LOG_FILE), arrays), parsed
+
+
 def _texts(path: Path) -> tuple[str, str]:
     """Return the texts of config and result."""
     if not path.is_dir():
@@ -257,7 +259,9 @@ def _texts(path: Path) -> tuple[str, str]:
     arrays = TRAJECTORY_FILE if (path / TRAJECTORY_FILE).is_file() else LOG_FILE
     missing = [name for name in (CONFIG_FILE, arrays, RESULT_FILE) if not (path / name).is_file()]
     if missing:
-        raise RunFolderError(f"{path} is not a complete run folder: no {', no '.join(missing)}{_hint(path)}")
+        runs = sorted(child.name for child in path.iterdir() if (child / RESULT_FILE).is_file())
+        hint = f". It contains {len(runs)} run folders; the newest is {path / runs[-1]}" if runs else ""
+        raise RunFolderError(f"{path} is not a complete run folder: no {', no '.join(missing)}{hint}")
     return _text(path / CONFIG_FILE), _text(path / RESULT_FILE)
 
 
@@ -270,7 +274,7 @@ def _text(file: Path) -> str:
         raise RunFolderError(f"cannot read {file.parent}: not UTF-8 text ({error.reason})") from error
 
 
-def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T:
+def _read_arrays(path: Path, kind: type[A]) -> A:
     try:
         # Opened here, because np.load does not close a damaged file.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -280,16 +284,10 @@ def _read_arrays(path: Path, build: Callable[[dict[str, NDArray[Any]]], T]) -> T
     except _DAMAGE as error:
         raise RunFolderError(f"{path} is damaged: {type(error).__name__} {error}") from error
     try:
-        return build(arrays)
+        return kind.from_arrays(arrays)
     except RunFolderError as error:
         raise RunFolderError(f"{path}: {error}") from error
 
 
 def _megabytes(size: int) -> str:
     return f"{1e-6 * size:.3g} MB"
-
-
-def _hint(path: Path) -> str:
-    """Return a hint that names the newest run folder in ``path``, if there are any."""
-    runs = sorted(child.name for child in path.iterdir() if (child / RESULT_FILE).is_file())
-    return f". It contains {len(runs)} run folders; the newest is {path / runs[-1]}" if runs else ""

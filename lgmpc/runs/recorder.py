@@ -88,7 +88,7 @@ class Recorder:
         if len(joints) != len(effort):
             raise InputError("joint_names", f"{len(joints)} names", f"one for each of {len(effort)} torques")
         self._limits = [(0, float(friction), effort)]  # first tick, friction of the floor, torque limits
-        self._entries = {"mpc_period_s": 0.0, "floating_base": True, "upright_axis": None} | entries
+        self._entries: dict[str, Any] = {"mpc_period_s": 0.0, "floating_base": True, "upright_axis": None} | entries
         self._entries |= {
             "joint_names": np.array(joints, dtype=np.str_),
             "contact_frames": np.array(list(contact_frames), dtype=np.str_),
@@ -168,6 +168,7 @@ class Recorder:
         entries = {
             name: np.copy(each) if isinstance(each, np.ndarray) else each for name, each in self._entries.items()
         }
+        entries = deepcopy(entries)
         return RunLog(**ticks, **self._updates.columns(), **entries, friction=mu, effort_limit=effort.copy())
 
 

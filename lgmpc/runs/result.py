@@ -214,7 +214,7 @@ class _Result:
         if cls is RunResult and "seed" not in content:
             raise RunFolderError(f"{source} is damaged: no seed")
         try:
-            result: R = _reader(cls).validate_json(json.dumps(content), strict=True)
+            result: R = _reader(cls.kind).validate_json(json.dumps(content), strict=True)
             result.shown()
         except (ValidationError, OverflowError) as error:
             raise RunFolderError(f"{source} is damaged: {_first(error)}") from error
@@ -222,8 +222,8 @@ class _Result:
 
 
 @functools.cache
-def _reader(kind: Any) -> Any:
-    return TypeAdapter(kind)
+def _reader(kind: str) -> Any:
+    return TypeAdapter(RunResult if kind == RunResult.kind else SolveResult)
 
 
 def _first(error: Exception) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -82,7 +81,11 @@ def run_drawings(run: Run) -> dict[str, Drawing]:
     """
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least two ticks")
-    return {name: partial(draw, log=run.log) for name, draw in FIGURES.items()}
+    return {name: _drawing(draw, run.log) for name, draw in FIGURES.items()}
+
+
+def _drawing(draw: Callable[[Figure, RunLog], bool], log: RunLog) -> Drawing:
+    return lambda figure: draw(figure, log)
 
 
 def _base(figure: Figure, log: RunLog) -> bool:

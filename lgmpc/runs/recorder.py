@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from copy import deepcopy
 from itertools import accumulate
 from typing import Any
 
@@ -165,11 +166,8 @@ class Recorder:
             ticks |= {"floor_friction": np.empty(self.ticks), "torque_limits": np.empty((self.ticks, len(effort)))}
             for first, each, limit in self._limits:
                 ticks["floor_friction"][first:], ticks["torque_limits"][first:] = each, limit
-        entries = {
-            name: np.copy(each) if isinstance(each, np.ndarray) else each for name, each in self._entries.items()
-        }
-        entries = deepcopy(entries)
-        return RunLog(**ticks, **self._updates.columns(), **entries, friction=mu, effort_limit=effort.copy())
+        entries: dict[str, Any] = deepcopy(self._entries | {"friction": mu, "effort_limit": effort})
+        return RunLog(**ticks, **self._updates.columns(), **entries)
 
 
 class _Rows:

@@ -82,19 +82,20 @@ def shipped_config(name: str) -> ShippedConfig:
     """
     configs = shipped_configs() | shipped_sweeps()
     if name not in configs:
-        raise ConfigError(
-            name, "", "no shipped config", "the name of one (see `lgmpc configs`)", list(configs), word=name
-        )
+        expected = "the name of one (see `lgmpc configs`)"
+        raise ConfigError(name, "", "no shipped config", expected, list(configs), word=name)
     return configs[name]
 
 
 def config_file(path: str | Path) -> Path:
     """Return the shipped config named ``path`` if there is one and no such file, else ``path`` itself."""
-    shipped = shipped_configs().get(str(path))
-    return Path(path) if shipped is None or Path(path).is_file() else shipped.file
+    return _file_of(path, shipped_configs())
 
 
 def sweep_file(path: str | Path) -> Path:
-    """Return the file that ``path`` refers to: a shipped sweep if it is the name of one and no file, else itself."""
-    shipped = shipped_sweeps().get(str(path))
-    return Path(path) if shipped is None or Path(path).is_file() else shipped.file
+    """Return the shipped sweep named ``path`` if there is one and no such file, else ``path`` itself."""
+    return _file_of(path, shipped_sweeps())
+
+
+def _file_of(path: str | Path, among: dict[str, ShippedConfig]) -> Path:
+    return among[str(path)].file if str(path) in among and not Path(path).is_file() else Path(path)

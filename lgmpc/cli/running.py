@@ -235,14 +235,18 @@ def _columns(method: str) -> Columns:
     """Return the columns of a method: the criterion of FDDP is the expected reduction, that of SQP the residual."""
     criterion = "reduction" if "fddp" in method else "residual"
     return {
-        "iteration": lambda now: str(now.count),
+        "iteration": lambda now: str(now.iteration),
         "cost": lambda now: f"{now.cost:.6g}",
         criterion: lambda now: _scientific(now.criterion),
         "gap": lambda now: _scientific(now.gap),
-        "step": lambda now: "-" if math.isnan(now.step) else "rejected" if now.step == 0.0 else f"{now.step:.4g}",
+        "step": lambda now: _number(now.step_length) if now.accepted else "rejected",
         "regularis.": lambda now: _scientific(now.regularization),
-        "ms": lambda now: f"{1e3 * now.elapsed_s:.0f}",
+        "ms": lambda now: f"{1e3 * now.elapsed:.0f}",
     }
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.4g}"
 
 
 def _scientific(value: float) -> str:

@@ -288,4 +288,4 @@ def _simulated(now: Progress) -> tuple[float, str]:
 
 
 def _iterated(now: Iteration) -> tuple[None, str]:
-    return None, f"{now.count} iterations, cost {now.cost:.6g}, {now.elapsed_s:.1f} s"
+    return None, f"{now.iteration} iterations, cost {now.cost:.6g}, {now.elapsed:.1f} s"

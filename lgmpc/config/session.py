@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from lgmpc.solvers import Progress as Iteration
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -82,29 +84,6 @@ class Session(Protocol):
             progress: called between ticks, about every 0.05 s of simulated time. If it raises KeyboardInterrupt the
                 run ends there and its partial log is returned, marked as interrupted.
         """
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """Progress of a solve.
-
-    Attributes:
-        count: iterations taken.
-        cost: at the current trajectory.
-        criterion: the measure compared with the tolerance; NaN where the solver does not report it.
-        gap: largest gap of the dynamics at the start of the iteration.
-        step: length of the step; 0 where none was accepted, NaN where the solver does not report it.
-        regularization: of the backward sweep.
-        elapsed_s: since the solver began, s.
-    """
-
-    count: int
-    cost: float
-    criterion: float
-    gap: float
-    step: float
-    regularization: float
-    elapsed_s: float
 
 
 IterationReport = Callable[[Iteration], None]

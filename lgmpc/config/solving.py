@@ -10,7 +10,7 @@ import numpy as np
 
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import SolveConfig
-from lgmpc.config.session import Iteration, IterationReport, Notify, SolveOutcome
+from lgmpc.config.session import IterationReport, Notify, SolveOutcome
 from lgmpc.errors import InputError, as_one_error
 from lgmpc.ocp import KktResidual
 from lgmpc.problems import Scenario, build_problem
@@ -189,7 +189,7 @@ class SolveSession:
             nonlocal interrupted
             self.iterations.append(progress)
             try:
-                report(_iteration(progress))
+                report(progress)
             except KeyboardInterrupt:
                 interrupted = True
             return interrupted
@@ -254,15 +254,3 @@ def _unconfirmed(measured: KktResidual, scale: float, tolerance: float) -> list[
         for what, (value, most) in parts.items()
         if not value <= most
     ]
-
-
-def _iteration(progress: Progress) -> Iteration:
-    return Iteration(
-        progress.iteration,
-        progress.cost,
-        progress.criterion,
-        progress.gap,
-        progress.step_length if progress.accepted else 0.0,
-        progress.regularization,
-        progress.elapsed,
-    )

@@ -22,7 +22,7 @@ MOST_BYTES = 262_144
 """Largest size of a document: the shipped configs have at most 6 kB, and 256 kB are parsed in about 4 s."""
 
 MOST_VALUES = 100_000
-"""Largest number of values and keys of a document, aliases expanded: the shipped configs have fewer than 200."""
+"""Largest number of values of a document, aliases expanded: the shipped configs have fewer than 200."""
 
 _TYPES = (
     ("tag:yaml.org,2002:null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
@@ -135,8 +135,7 @@ def parse_yaml(text: str, name: str) -> tuple[Any, dict[str, str]]:
         node = loader.get_single_node()
         if node is None:
             return None, places
-        _expanded_size(node, name, {})
-        _collect_places(node, name, "", places)
+        _collect_places(node, name, "", places, ())
         return loader.construct_document(node), places
     except ConfigError:
         raise
@@ -172,60 +171,44 @@ def write_yaml(data: Any) -> str:
     return text
 
 
-def _expanded_size(node: yaml.Node, name: str, sizes: dict[int, int | None]) -> int:
-    """Return the number of values and keys of ``node`` with aliases expanded.
-
-    Each node is visited once: the cost is linear in the document's length even for nested aliases.
+def _collect_places(node: yaml.Node, name: str, path: str, places: dict[str, str], around: tuple[int, ...]) -> None:
+    """Fill ``places`` below ``node``, aliases expanded; raise for nodes that a config must not contain.
 
     Args:
         node: of the document.
         name: the document's name in messages.
-        sizes: of the nodes visited so far, by identity; ``None`` for those around ``node``.
-
-    Raises:
-        ConfigError: if it contains itself, or more than :data:`MOST_VALUES` values.
+        path: dotted key of the node.
+        places: dotted key to place.
+        around: identities of the nodes that contain this one.
     """
-    if not isinstance(node, yaml.CollectionNode):
-        return 1
-    place = f"{name}:{node.start_mark.line + 1}"
-    if id(node) not in sizes:
-        sizes[id(node)] = None
-        parts = node.value if isinstance(node, yaml.SequenceNode) else [part for pair in node.value for part in pair]
-        size = 1 + sum(_expanded_size(part, name, sizes) for part in parts)
-        if size > MOST_VALUES:
-            raise ConfigError(place, "", f"{size} values, aliases expanded", f"at most {MOST_VALUES}")
-        sizes[id(node)] = size
-    known = sizes[id(node)]
-    if known is None:
-        raise ConfigError(place, "", "an alias of a node that contains it", "no loops")
-    return known
 
+    def visit(key: str, line: int, inner: yaml.Node) -> None:
+        key = f"{path}.{key}" if path else key
+        places[key] = f"{name}:{line}"
+        if len(places) > MOST_VALUES:
+            raise ConfigError(places[key], "", f"more than {MOST_VALUES} values, aliases expanded", "fewer")
+        _collect_places(inner, name, key, places, (*around, id(node)))
 
-def _collect_places(node: yaml.Node, name: str, path: str, places: dict[str, str]) -> None:
-    """Fill ``places`` below ``node``; raise for nodes that a config must not contain."""
+    first_lines: dict[str, int] = {}
+    if id(node) in around:
+        raise ConfigError(f"{name}:{node.start_mark.line + 1}", "", "an alias of a node that contains it", "no loops")
     if isinstance(node, yaml.SequenceNode):
         for i, item in enumerate(node.value):
-            key = f"{path}.{i}" if path else str(i)
-            places[key] = f"{name}:{item.start_mark.line + 1}"
-            _collect_places(item, name, key, places)
+            visit(str(i), item.start_mark.line + 1, item)
     elif isinstance(node, yaml.MappingNode):
-        first_lines: dict[str, int] = {}
         for key_node, value_node in node.value:
-            line = key_node.start_mark.line + 1
-            if key_node.tag == "tag:yaml.org,2002:merge":
-                continue
-            if key_node.tag != "tag:yaml.org,2002:str":
-                got = f"the key {key_node.value}" if isinstance(key_node, yaml.ScalarNode) else "a list or table as key"
-                raise ConfigError(f"{name}:{line}", path, got, "a name as a key (in quotes if it looks like a number)")
-            word = key_node.value
-            key = f"{path}.{word}" if path else word
-            if word in first_lines:
-                raise ConfigError(
-                    f"{name}:{line}", key, "the key a second time", f"each key once (first in line {first_lines[word]})"
-                )
-            first_lines[word] = line
-            places[key] = f"{name}:{line}"
-            _collect_places(value_node, name, key, places)
+            line, word = key_node.start_mark.line + 1, key_node.value
+            if key_node.tag != "tag:yaml.org,2002:merge":
+                if key_node.tag != "tag:yaml.org,2002:str":
+                    got = f"the key {word}" if isinstance(key_node, yaml.ScalarNode) else "a list or table as key"
+                    expected = "a name as a key (in quotes if it looks like a number)"
+                    raise ConfigError(f"{name}:{line}", path, got, expected)
+                if word in first_lines:
+                    expected = f"each key once (first in line {first_lines[word]})"
+                    key = f"{path}.{word}" if path else word
+                    raise ConfigError(f"{name}:{line}", key, "the key a second time", expected)
+                first_lines[word] = line
+            visit(word, line, value_node)
 
 
 def _syntax_error(error: yaml.MarkedYAMLError, name: str) -> ConfigError:

@@ -186,7 +186,7 @@ def test_a_signal_keeps_the_iterate_and_marks_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     def send(now: Iteration) -> None:
-        if now.count == 2:
+        if now.iteration == 2:
             signal.raise_signal(number)
 
     before = signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)

@@ -107,7 +107,7 @@ def tower(levels: int, merged: bool) -> str:
 
 @pytest.mark.parametrize("merged", [False, True], ids=["lists", "merge keys"])
 def test_nested_aliases_are_counted_before_they_are_expanded(merged: bool) -> None:
-    with pytest.raises(ConfigError, match=r"^f\.yaml:6: got \d+ values, aliases expanded; expected at most 100000$"):
+    with pytest.raises(ConfigError, match=r"^f\.yaml:\d: got more than 100000 values, aliases expanded"):
         parse_yaml(tower(200, merged), "f.yaml")
     data, _ = parse_yaml(tower(4, merged), "f.yaml")
     assert data["a3"] == ({"x": 1} if merged else [[[[1]] * 9] * 9] * 9)

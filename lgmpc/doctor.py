@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,9 +59,9 @@ def iterate_checks() -> Iterator[Check]:
     yield _guarded("cache", _check_cache, "choose a folder of your own with LGMPC_CACHE_DIR")
     yield _guarded("robot", _check_robot, 'pip install "pin>=4,<5" "example-robot-data-loaders>=4.4,<6"')
     for name, solve in _QP_SOLVERS.items():
-        yield _guarded(f"QP by {name}", lambda solve=solve: _off_by(*(solve() - (1.0, 0.0))), f"pip install -U {name}")
+        yield _guarded(f"QP by {name}", partial(_solve_qp, solve), f"pip install -U {name}")
     for name in _QUIET:
-        yield _guarded(f"NLP by {name}", lambda name=name: _solve_nlp(name), "pip install --force-reinstall casadi")
+        yield _guarded(f"NLP by {name}", partial(_solve_nlp, name), "pip install --force-reinstall casadi")
     yield _guarded("mujoco plant", _check_mujoco, "pip install -U mujoco")
     yield _guarded("chromium", _check_chromium)
     yield _guarded("threads", _check_threads)
@@ -222,6 +223,10 @@ def _solve_by_proxsuite() -> Array:
 _QP_SOLVERS = {"osqp": _solve_by_osqp, "piqp": _solve_by_piqp, "proxsuite": _solve_by_proxsuite}
 _QUIET: dict[str, dict[str, Any]] = {"ipopt": {"print_level": 0, "sb": "yes"}, "fatrop": {"print_level": 0}}
 """Options by which CasADi's plugins print nothing."""
+
+
+def _solve_qp(solve: Callable[[], Array]) -> tuple[str, str]:
+    return _off_by(*(solve() - (1.0, 0.0)))
 
 
 def _solve_nlp(name: str) -> tuple[str, str]:

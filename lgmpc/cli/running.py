@@ -17,8 +17,7 @@ from lgmpc.cli.display import Display, Row, figure_table, progress_display, warn
 from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
 from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
-from lgmpc.config.interrupts import stop_signals
-from lgmpc.config.session import Iteration, Progress
+from lgmpc.config.session import Iteration, Progress, stop_signals
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import Gate, Metrics, Outcome, find_run, measured
 from lgmpc.runs.certificate import Certificate

@@ -12,10 +12,18 @@ from signal import Signals
 from typing import TYPE_CHECKING
 
 from lgmpc.config.build import prepare
-from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.loading import dump_config
 from lgmpc.config.schema import Config, SolveConfig
-from lgmpc.config.session import IterationReport, Notify, ProgressReport, Session, SessionResult, SolveOutcome
+from lgmpc.config.session import (
+    IterationReport,
+    Notify,
+    ProgressReport,
+    Session,
+    SessionResult,
+    SolveOutcome,
+    StopSignals,
+    stop_signals,
+)
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import reports

@@ -12,7 +12,7 @@ import numpy as np
 from lgmpc.config.loading import parse_any_config, parse_config, parse_solve_config
 from lgmpc.config.robots import build_any_robot, joint_limits
 from lgmpc.config.schema import Config
-from lgmpc.config.solutions import solution_as_run
+from lgmpc.config.solving import solution_as_run
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
 from lgmpc.runs import Outcome, Run, SolvedRun, SolveGate, TrajectoryLog, load_run

@@ -17,11 +17,9 @@ from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError
 from lgmpc.runs.figures import figure_of
 from lgmpc.shipped import config_file
-from lgmpc.sweeps.bisection import value_at
 from lgmpc.sweeps.comparison import Quantity, judged
-from lgmpc.sweeps.design import Sweep, parse_sweep
-from lgmpc.sweeps.rows import Row, paired, place
-from lgmpc.sweeps.statistics import Estimate, share
+from lgmpc.sweeps.design import Sweep, parse_sweep, value_at
+from lgmpc.sweeps.rows import Estimate, Row, paired, place, share
 
 __all__ = ["COMPLETE", "PARTS", "Part", "Worth", "ablation_sweep", "parts_of", "worths"]
 

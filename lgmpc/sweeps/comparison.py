@@ -17,8 +17,7 @@ from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.settings.dotted import differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document, read_rows
-from lgmpc.sweeps.rows import Row, paired, place
-from lgmpc.sweeps.statistics import Estimate, mean_difference
+from lgmpc.sweeps.rows import Estimate, Row, mean_difference, paired, place
 
 __all__ = ["Comparison", "Difference", "Quantity", "compare_folders", "higher_is_better", "is_sweep", "judged"]
 

@@ -22,7 +22,6 @@ from lgmpc.errors import ConfigError, InputError
 from lgmpc.runs import metric_names, versions
 from lgmpc.settings.messages import show_value
 from lgmpc.shipped import shipped_configs, shipped_sweeps, sweep_file
-from lgmpc.sweeps.bisection import scaled
 from lgmpc.sweeps.settings import (
     Choice,
     Directions,
@@ -38,7 +37,7 @@ from lgmpc.sweeps.settings import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["Point", "Sweep", "load_sweep", "parse_sweep"]
+__all__ = ["Point", "Sweep", "load_sweep", "parse_sweep", "scaled", "value_at"]
 
 
 @dataclass(frozen=True)
@@ -267,3 +266,33 @@ def _value(distribution: Distribution, u: Array) -> Any:
 def _horizontal(size: float, angle: float) -> tuple[float, float, float]:
     """Return the horizontal vector of a size and direction; rounded, so that an axis is hit exactly."""
     return round(size * math.cos(angle), 12), round(size * math.sin(angle), 12), 0.0
+
+
+def scaled(config: Config, key: str, value: float) -> Config:
+    """Return the config with ``value`` at ``key``; if the key is a vector, with the vector times ``value``.
+
+    Raises:
+        InputError: no such key, it is neither a number nor a vector, or the value is invalid.
+    """
+    present = value_at(config, key)
+    if isinstance(present, (list, tuple)) and present and all(isinstance(each, (int, float)) for each in present):
+        return config.replace({key: tuple(value * each for each in present)})
+    return config.replace({key: value})
+
+
+def value_at(config: Config, key: str) -> Any:
+    """Return the value at a dotted key, as plain tables, lists and values.
+
+    Raises:
+        InputError: no such key; names the nearest.
+    """
+    present: Any = config.model_dump()
+    for part in key.split("."):
+        if isinstance(present, dict) and part in present:
+            present = present[part]
+        elif isinstance(present, (list, tuple)) and part.isdecimal() and int(part) < len(present):
+            present = present[int(part)]
+        else:
+            config.replace({key: None})  # raises, and names the nearest key
+            return None  # a table of any keys, which lacks this one
+    return present

@@ -9,7 +9,7 @@ from pathlib import Path
 from signal import Signals
 from typing import Any
 
-from lgmpc.config.interrupts import StopSignals, stop_signals
+from lgmpc.config.session import StopSignals, stop_signals
 from lgmpc.config.yaml_text import write_yaml
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import html_table, reports

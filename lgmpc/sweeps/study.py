@@ -18,16 +18,15 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
-from lgmpc.config.interrupts import StopSignals, stop_signals
 from lgmpc.config.loading import dump_config
+from lgmpc.config.session import StopSignals, stop_signals
 from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.notebook import reports
 from lgmpc.runs import atomic_write, versions
 from lgmpc.sweeps.design import Sweep
 from lgmpc.sweeps.folder import open_folder
 from lgmpc.sweeps.pool import Pool, available_cores
-from lgmpc.sweeps.rows import Ending, Row, paired
-from lgmpc.sweeps.statistics import Estimate, mean_difference
+from lgmpc.sweeps.rows import Ending, Estimate, Row, mean_difference, paired
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 from lgmpc.sweeps.tuning import Score, TuningProblem
 

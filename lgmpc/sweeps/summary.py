@@ -11,9 +11,8 @@ import numpy as np
 
 from lgmpc.runs.atomic import json_values
 from lgmpc.sweeps.design import Point, Sweep
-from lgmpc.sweeps.rows import Ending, Row, paired, place
+from lgmpc.sweeps.rows import Ending, Estimate, Row, mean_difference, median, paired, place, share
 from lgmpc.sweeps.settings import Choice, Directions, Expectation
-from lgmpc.sweeps.statistics import Estimate, mean_difference, median, share
 
 __all__ = ["Boundaries", "Group", "Level", "Pairing", "Summary", "level_text", "summarize"]
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 from lgmpc.runs.figures import figure_words
 from lgmpc.sweeps.design import Sweep
-from lgmpc.sweeps.rows import Row
-from lgmpc.sweeps.statistics import Estimate
+from lgmpc.sweeps.rows import Estimate, Row
 from lgmpc.sweeps.summary import Group, Summary, level_text
 
 __all__ = ["TextTable", "group_table", "level_table", "pairing_table", "point_table", "search_words"]

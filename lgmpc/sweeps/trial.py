@@ -6,6 +6,7 @@ import logging
 import resource
 import signal
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,11 +17,11 @@ from lgmpc.config.execution import FinishedRun, run_config
 from lgmpc.config.schema import Config
 from lgmpc.errors import Interrupted
 from lgmpc.runs import flat_metrics
-from lgmpc.sweeps.bisection import bisect, scaled
+from lgmpc.sweeps.design import scaled
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.settings import BisectionSettings
 
-__all__ = ["Task", "compute", "start_worker", "warm"]
+__all__ = ["Boundary", "Task", "bisect", "compute", "start_worker", "warm"]
 
 
 @dataclass(frozen=True)
@@ -115,3 +116,55 @@ def _limit_memory(gigabytes: float) -> None:
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = int(1e9 * gigabytes)
     resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """The result of a bisection.
+
+    Attributes:
+        value: the largest value that passed; ``None`` if both ends of the range have the same verdict.
+        trials: each value that was tried, in order, and whether it passed.
+        violations: values below ``value`` that failed: there the verdict is not monotonic.
+        reason: why there is no value; empty if there is one.
+    """
+
+    value: float | None
+    trials: tuple[tuple[float, bool], ...]
+    violations: tuple[float, ...] = ()
+    reason: str = ""
+
+
+def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boundary:
+    """Find the value at which ``passes`` changes from true to false, to within ``settings.tolerance``.
+
+    The verdict is assumed monotonic; otherwise the value found is one of several changes, which ``settings.probes``
+    runs below it can detect.
+
+    Args:
+        passes: the verdict at a value.
+        settings: range, tolerance, probes.
+    """
+    trials: list[tuple[float, bool]] = []
+
+    def holds(value: float) -> bool:
+        verdict = passes(value)
+        trials.append((value, verdict))
+        return verdict
+
+    low, high = settings.range
+    if not holds(low):
+        reason = f"bisect.range: got {low:g}, where the run fails already; expected a value where it passes: lower it"
+        return Boundary(None, tuple(trials), reason=reason)
+    if holds(high):
+        reason = f"bisect.range: got {high:g}, where the run still passes; expected one where it fails: raise it"
+        return Boundary(None, tuple(trials), reason=reason)
+    first = low
+    while high - low > settings.tolerance:
+        middle = 0.5 * (low + high)
+        if middle in (low, high):  # adjacent floating-point numbers, further apart than the tolerance
+            break
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    probes = (first + (low - first) * (i + 1) / (settings.probes + 1) for i in range(settings.probes))
+    violations = tuple(value for value in probes if value not in dict(trials) and not holds(value))
+    return Boundary(low, tuple(trials), violations)

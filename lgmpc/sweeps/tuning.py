@@ -15,9 +15,8 @@ from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
 from lgmpc.errors import InputError, MissingDependencyError
 from lgmpc.runs import metric_names
 from lgmpc.shipped import config_file, shipped_sweeps, sweep_file
-from lgmpc.sweeps.bisection import scaled, value_at
 from lgmpc.sweeps.comparison import higher_is_better
-from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
+from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep, scaled, value_at
 from lgmpc.sweeps.rows import Row
 from lgmpc.sweeps.settings import Directions
 

@@ -210,7 +210,9 @@ def test_a_controller_that_would_have_given_up_says_so(
     assert "the controller gave up before" in caplog.text
 
 
-@pytest.mark.parametrize("change", ["wbc.friction_facets=8", "mpc={model: full_body, nodes: 20}"])
+@pytest.mark.parametrize(
+    "change", ["wbc.friction_facets=8", pytest.param("mpc={model: full_body, nodes: 20}", marks=pytest.mark.slow)]
+)
 def test_controllers_of_another_structure_continue(pushed: FinishedRun, tmp_path: Path, change: str) -> None:
     finished = run_from(pushed, 0.1, [change], tmp_path)
     before, after = pushed.session.log, finished.session.log

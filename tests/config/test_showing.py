@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import lgmpc
 from lgmpc import load_config, load_solve_config, plot, run_config, show, solve_config
 from lgmpc.actions import ImpulseAction, PythonAction
-from lgmpc.config.solutions import solution_as_run
+from lgmpc.config.solving import solution_as_run
 from lgmpc.costs import Parameter, ParameterLayout
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.state import StateMultibody

@@ -4,8 +4,9 @@ import pytest
 
 from lgmpc.config import load_config
 from lgmpc.errors import InputError
-from lgmpc.sweeps.bisection import bisect, scaled
+from lgmpc.sweeps.design import scaled
 from lgmpc.sweeps.settings import BisectionSettings
+from lgmpc.sweeps.trial import bisect
 
 
 def settings(**changes: object) -> BisectionSettings:

@@ -15,7 +15,7 @@ import pytest
 from workers import act, nothing
 
 from lgmpc.config import load_config
-from lgmpc.config.interrupts import stop_signals
+from lgmpc.config.session import stop_signals
 from lgmpc.errors import ConfigError, Interrupted
 from lgmpc.sweeps.pool import Died, Hung, Pool
 from lgmpc.sweeps.trial import start_worker

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lgmpc.sweeps import Ending, Row, Sweep
-from lgmpc.sweeps.statistics import mean_difference, median, share
+from lgmpc.sweeps.rows import mean_difference, median, share
 from lgmpc.sweeps.summary import summarize
 from lgmpc.sweeps.tables import level_table
 

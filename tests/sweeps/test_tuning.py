@@ -10,7 +10,7 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.errors import ConfigError, InputError
 from lgmpc.sweeps import Ending, Row
-from lgmpc.sweeps.bisection import value_at
+from lgmpc.sweeps.design import value_at
 
 pytest.importorskip("optuna")
 

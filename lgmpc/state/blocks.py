@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lgmpc.lie import quaternion, se3, so3
+from lgmpc.lie import Group, quaternion, se3, so3
 from lgmpc.lie.components import parts, vector
 from lgmpc.state.base import Array
 from lgmpc.state.configuration import BlockKind
@@ -81,7 +81,7 @@ def difference_jacobians(kind: BlockKind, d: Array) -> tuple[Array, Array]:
     return group.ad.unchecked(d) - jacobian, jacobian
 
 
-_GROUPS = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
+_GROUPS: dict[BlockKind, Group] = {BlockKind.ROTATION: so3, BlockKind.PLACEMENT: se3}
 _IDENTITY = {BlockKind.ROTATION: np.eye(3), BlockKind.PLACEMENT: np.eye(6)}
 
 

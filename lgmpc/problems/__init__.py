@@ -23,7 +23,6 @@ from lgmpc.problems.legged import build_gait, build_jump, build_legged
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, JumpWeights, LeggedSettings, LeggedWeights
 from lgmpc.problems.multirotor import Multirotor, MultirotorSettings
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
-from lgmpc.problems.recovery import RecoverySettings, RecoveryWeights, build_recovery
 from lgmpc.problems.righting import RightingSettings, RightingWeights, build_righting
 from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
@@ -54,8 +53,6 @@ __all__ = [
     "MultirotorSettings",
     "ReachSettings",
     "ReachWeights",
-    "RecoverySettings",
-    "RecoveryWeights",
     "RightingSettings",
     "RightingWeights",
     "Scenario",
@@ -69,7 +66,6 @@ __all__ = [
     "build_jump",
     "build_legged",
     "build_reach",
-    "build_recovery",
     "build_righting",
     "build_standing_reach",
 ]

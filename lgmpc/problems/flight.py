@@ -1,8 +1,11 @@
-"""A multirotor flies through waypoints, at some of them in given attitudes, such as upside down, and ends at rest.
+"""A multirotor flies from any attitude through waypoints, at some of them in given attitudes, and ends at rest.
 
 Attitudes are given as rotation vectors, which may be longer than half a turn: ``[0, -180, 0]`` followed by
-``[0, -360, 0]`` is a loop, nose up, while the second alone would be the initial attitude. The cost depends on the
-rotation matrices, without singularity at any angle; the vectors determine the sense of rotation of the initial guess.
+``[0, -360, 0]`` is a loop, nose up, while the second alone would be the initial attitude. The problem has no
+singularity at any attitude: gaps are differences on SE(3), logarithms of the small rotation from one node to the next
+only, and the cost is a function of rotation matrices (:class:`FrameRotationMatrix`), which is smooth at rotation pi.
+The vectors determine the sense of rotation of the initial guess. In roll, pitch and yaw a recovery from a tumble jumps
+at pitch 90 degrees, and in the rotation vector from its goal at rotation pi.
 """
 
 from __future__ import annotations
@@ -45,8 +48,11 @@ class FlightWaypoint(Settings):
 
 
 class FlightWeights(Settings):
-    """Weights of the cost; those of speed and thrust are per second of the horizon."""
+    """Weights of the cost; those of approach, speed and thrust are per second of the horizon."""
 
+    approach: NonNegative = Field(
+        default=0.0, description="From the last waypoint's position and attitude, before it, 1/m2 and 1/rad2."
+    )
     position: Positive = Field(default=1e3, description="From a waypoint, 1/m2.")
     rotation: Positive = Field(default=1e3, description="From a waypoint's attitude, 1/rad2 for small angles.")
     rest: NonNegative = Field(default=1e2, description="Velocity at the end, 1/(m/s)2 and 1/(rad/s)2.")
@@ -59,7 +65,14 @@ class FlightSettings(ProblemSettings):
 
     kind: Literal["flight"] = Field(default="flight", description="A multirotor flies through waypoints.")
     rotors: MultirotorSettings = Field(description="The rotors, at frames of the URDF.")
-    start_m: Vector3 = Field(description="[x, y, z] of the body, which hovers level at first, world axes, m.")
+    start_m: Vector3 = Field(description="[x, y, z] of the body at first, world axes, m.")
+    start_rotation_deg: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Attitude at first as a rotation vector (axis times angle), degrees."
+    )
+    start_velocity_m_s: Vector3 = Field(default=(0.0, 0.0, 0.0), description="Velocity at first, body axes, m/s.")
+    start_rate_rad_s: Vector3 = Field(
+        default=(0.0, 0.0, 0.0), description="Angular velocity at first, body axes, rad/s."
+    )
     waypoints: Annotated[tuple[FlightWaypoint, ...], Field(min_length=1)] = Field(
         description="In the order of their times."
     )
@@ -74,11 +87,15 @@ class FlightSettings(ProblemSettings):
 
 @typed
 def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
-    """Return the problem for a vehicle that hovers at the start; its thrust limits are bounds on the controls.
+    """Return the problem; thrust limits are bounds on the controls.
 
     Figures: ``waypoint_error_m``, the largest; ``waypoint_rotation_error_deg``, the largest where an attitude is given;
     ``inverted_tilt_deg``, the largest tilt of those waypoints, 180 if it is upside down there; ``final_error_m``,
-    ``final_tilt_deg`` and ``final_speed_m_s``; and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
+    ``final_tilt_deg``, ``final_speed_m_s`` and ``final_rate_rad_s``; ``height_lost_m``, the largest below the start;
+    ``attitude_step_deg``, the largest rotation from a node to the next, and the same motion in two charts:
+    ``rpy_jump_deg``, the largest change of roll, pitch or yaw, whole turns not counted (180 where pitch passes 90
+    degrees), and ``log_jump_deg``, that of the rotation vector from the last attitude given (360 where the rotation
+    passes pi); and those of :func:`lgmpc.problems.multirotor.thrust_figures`.
 
     Raises:
         InputError: a robot without these rotors, or waypoints whose times do not increase on the grid, or are
@@ -88,9 +105,12 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     vehicle = Multirotor.of(robot, s.rotors)
     nodes = _nodes(s)
     n, nu = nodes[-1], len(vehicle.hover)
+    turns = [(0.0, s.start_rotation_deg)]
+    turns += [(p.time_s, p.rotation_deg) for p in s.waypoints if p.rotation_deg is not None]
+    goal = so3.exp(np.radians(turns[-1][1] if len(turns) > 1 else (0.0, 0.0, 0.0)))
     costs = [
-        CostItem("position", FrameTranslation(vehicle.body), 0.0),
-        CostItem("rotation", FrameRotationMatrix(vehicle.body), 0.0),
+        CostItem("position", FrameTranslation(vehicle.body, s.waypoints[-1].position_m), w.approach),
+        CostItem("rotation", FrameRotationMatrix(vehicle.body, pin.Quaternion(goal).coeffs()), w.approach),
         CostItem("velocity", FrameVelocity(vehicle.body), w.speed),
         CostItem("thrust", Control(nu, vehicle.hover), w.thrust),
     ]
@@ -109,7 +129,8 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
             problem.set("rotation_reference", pin.Quaternion(rotation).coeffs(), [k])
             problem.set("rotation_weight", scale * w.rotation, [k])
     problem.set("velocity_weight", w.rest, [n])
-    problem.set_initial_state(np.concatenate([s.start_m, [0.0, 0.0, 0.0, 1.0], np.zeros(6)]))
+    begun = pin.Quaternion(so3.exp(np.radians(s.start_rotation_deg))).coeffs()
+    problem.set_initial_state(np.concatenate([s.start_m, begun, s.start_velocity_m_s, s.start_rate_rad_s]))
     durations = np.full(n, s.node_s)
     marks = tuple(
         Waypoint(
@@ -124,8 +145,10 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
     def figures(trajectory: Trajectory) -> dict[str, float]:
         there, end = trajectory.xs[list(nodes)], trajectory.xs[-1]
         distance = [float(np.linalg.norm(x[:3] - mark.position)) for x, mark in zip(there, marks, strict=True)]
-        rotations = so3.from_quaternion.unchecked(trajectory.xs[[*nodes, -1], 3:7])
-        held = [(r, mark.rotation) for r, mark in zip(rotations, marks, strict=False) if mark.rotation is not None]
+        rotations = so3.from_quaternion.unchecked(trajectory.xs[:, 3:7])
+        held = [(rotations[k], m.rotation) for k, m in zip(nodes, marks, strict=True) if m.rotation is not None]
+        rpy, logs = attitude.roll_pitch_yaw(rotations), np.degrees([pin.log3(goal.T @ r) for r in rotations])
+        wrapped = (np.diff(rpy, axis=0) + np.pi) % (2.0 * np.pi) - np.pi
         turned = [float(attitude.angle_between(r, wanted)) for r, wanted in held]
         tilted = [float(attitude.tilt(r)) for r, _ in held]
         return {
@@ -135,11 +158,15 @@ def build_flight(robot: Robot, settings: FlightSettings) -> Scenario:
             "final_error_m": distance[-1],
             "final_tilt_deg": float(np.degrees(attitude.tilt(rotations[-1]))),
             "final_speed_m_s": float(np.linalg.norm(end[7:10])),
+            "final_rate_rad_s": float(np.linalg.norm(end[10:])),
+            "height_lost_m": float(max(s.start_m[2] - trajectory.xs[:, 2].min(), 0.0)),
+            "attitude_step_deg": float(np.degrees(attitude.angle_between(rotations[:-1], rotations[1:]).max())),
+            "rpy_jump_deg": float(np.degrees(np.abs(wrapped).max())),
+            "log_jump_deg": float(np.linalg.norm(np.diff(logs, axis=0), axis=1).max()),
             **thrust_figures(vehicle, trajectory, durations),
         }
 
     places = [(0.0, s.start_m), *((p.time_s, p.position_m) for p in s.waypoints)]
-    turns = [(0.0, (0.0, 0.0, 0.0)), *((p.time_s, p.rotation_deg) for p in s.waypoints if p.rotation_deg is not None)]
     guess = turning_guess(vehicle, durations, places, turns)
     return Scenario("flight", robot, problem, guess, durations, figures, waypoints=marks, controls=vehicle.controls)
 

@@ -20,7 +20,6 @@ from lgmpc.problems.free_jump import FreeJumpSettings, build_free_jump
 from lgmpc.problems.legged import build_gait, build_jump
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings
 from lgmpc.problems.reach import ReachSettings, build_reach
-from lgmpc.problems.recovery import RecoverySettings, build_recovery
 from lgmpc.problems.righting import RightingSettings, build_righting
 from lgmpc.problems.scenario import ProblemSettings, Scenario
 from lgmpc.problems.standing_reach import StandingReachSettings, build_standing_reach
@@ -37,7 +36,6 @@ def _builders() -> Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenari
         GaitSettings: build_gait,
         JumpSettings: build_jump,
         ReachSettings: build_reach,
-        RecoverySettings: build_recovery,
         RightingSettings: build_righting,
         StandingReachSettings: build_standing_reach,
     }

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import TOLERANCE
-from lgmpc.state import blocks
+from lgmpc.state import configuration as blocks
 from lgmpc.state.base import Array, State
 from lgmpc.state.configuration import (
     Block,
@@ -35,10 +35,10 @@ class StateMultibody(State):
     ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
     frame, linear first. ``dq`` is expressed in the body frame at its base point.
 
-    Batches and Jacobians are computed by :mod:`lgmpc.state.blocks`; single states by Pinocchio's ``integrate`` and
-    ``difference``, which are faster, except where these are less accurate (positions of free-flyers: errors of 1e-12 at
-    angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, where smaller steps can vanish) or depend on the
-    sign of a quaternion (at half a turn).
+    Batches and Jacobians are computed by :mod:`lgmpc.state.configuration`; single states by Pinocchio's ``integrate``
+    and ``difference``, which are faster, except where these are less accurate (positions of free-flyers: errors of
+    1e-12 at angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, where smaller steps can vanish) or depend on
+    the sign of a quaternion (at half a turn).
 
     Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and
     continuous joints; entries at the largest float), they are infinite.

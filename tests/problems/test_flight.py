@@ -11,8 +11,15 @@ import pytest
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
 from lgmpc.ocp import Trajectory
-from lgmpc.problems.flight import FlightSettings, FlightWaypoint, FlightWeights, build_flight
-from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, flown
+from lgmpc.problems.flight import (
+    FlightSettings,
+    FlightWaypoint,
+    FlightWeights,
+    Multirotor,
+    MultirotorSettings,
+    build_flight,
+    flown,
+)
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, FddpSettings, Solution, Status
 

@@ -29,6 +29,12 @@ _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second o
 _SETTLED_S = 0.018
 """s after its touchdown from which a foot's sliding is evidence about the floor."""
 
+_EVEN_SHARE = 0.03  # of the height of the centre of mass: by so much less a touchdown may deviate on even ground
+_BELOW_SHARE = 0.015
+_ROUGHEST_SHARE = 0.25
+_REMEMBERED = 0.97
+"""Share of the roughness that is left after one more touchdown as expected."""
+
 
 class Feet:
     """Steps of all feet: gait clock, contact events, footholds and swing trajectories as one.
@@ -58,6 +64,7 @@ class Feet:
         changed: whether other feet carry than at the last tick.
         settled: (nc,) points of feet that carry for long enough for their sliding to be evidence about the floor.
         ground: the plane through the last footholds.
+        roughness: of the ground that was met lately, by which feet swing higher, m.
     """
 
     def __init__(
@@ -75,13 +82,14 @@ class Feet:
         self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
-        self._swings = [SwingTrajectory(settings.swing) for _ in range(robot.nf)]
+        self._swings = [SwingTrajectory(settings.swing, self.legs.height) for _ in range(robot.nf)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nf, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nf, 3))
         self.yaws = np.zeros(robot.nf)
         self._headings = [] if self.points.single else [HeadingTrajectory() for _ in range(robot.nf)]
         self.targets = self.position if self.points.single else np.zeros((robot.nc, 3))
         self._level = True
+        self.roughness = 0.0
         self._may_stretch = True  # whether long steps may take longer than scheduled
         self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
@@ -93,7 +101,7 @@ class Feet:
         self.yaws[:], self.targets[:], points = self.points.yaws(points), points, self.points.mean(points)
         contacts = None if contacts is None else self.points.touching(contacts)
         self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
-        self.events = ContactEvents(self.clock, self._settings.contacts, self._contact_age)
+        self.events = ContactEvents(self.clock, self._settings.contacts, self._contact_age, self.legs.height)
         self.stance = self.events.stance
         self._stood: list[bool] = self.stance.tolist()
         for foot in np.flatnonzero(~self.stance).tolist():
@@ -178,10 +186,15 @@ class Feet:
             motion: of the robot in the plane.
         """
         corners, feet = points, self.points
-        stance = self.events.update(time, None if contacts is None else feet.touching(contacts))
-        points, velocities = feet.mean(points), feet.mean(velocities)
+        touching, points = None if contacts is None else feet.touching(contacts), feet.mean(points)
+        stance = self.events.update(time, touching, self._below(points))
+        velocities = feet.mean(velocities)
         stands = stance.tolist()
         self.changed = stands != self._stood
+        if self.changed:
+            for foot, (carries, stood) in enumerate(zip(stands, self._stood, strict=True)):
+                if carries and not stood:
+                    self._touch(abs(float(points[foot, 2]) - self._swings[foot].target[2]))
         if all(stands):
             self.footholds[...] = points
             self.position[...] = points
@@ -199,6 +212,17 @@ class Feet:
         self._stood = stands
         self.standing = self.events.resting
         self.stepping = not (self.standing or self.clock.rests(time))
+
+    def _below(self, points: Array) -> list[bool] | None:
+        """Return (nf,) which feet in the air are below the ground that they should have found; on rough ground, all."""
+        if self.standing:
+            return None
+        stands = self._stood
+        if self.roughness > 0.0:
+            return [not carries for carries in stands]
+        depth = _BELOW_SHARE * self.legs.height
+        found = zip(points[:, 2].tolist(), self.footholds[:, 2].tolist(), stands, strict=True)
+        return [not carries and at < ground - depth for at, ground, carries in found]
 
     def _write_normals(self) -> None:
         """Write the normals of the whole-body QP's contacts, for its next tick."""
@@ -219,7 +243,14 @@ class Feet:
             if self._headings:
                 self._headings[foot].begin(time, yaw)
             self._lift(foot, time, point, velocity, motion)
-        self._move(foot, time, motion)
+        self._move(foot, time, point, velocity, motion)
+
+    def _touch(self, deviation: float) -> None:
+        """Take the deviation of a touchdown from its expected height, m, as evidence of rough ground."""
+        unexpected = min(deviation - _EVEN_SHARE * self.legs.height, _ROUGHEST_SHARE * self.legs.height)
+        self.roughness = max(_REMEMBERED * self.roughness, unexpected, 0.0)
+        for swing in self._swings:
+            swing.roughness = self.roughness
 
     def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         swing = self.clock.swing(foot, time)
@@ -232,12 +263,18 @@ class Feet:
         path.lift_off(time, swing.touchdown, point, velocity, self.footholds[foot], latest)
         self.clock.stretch(foot, time, path.touchdown)
 
-    def _move(self, foot: int, time: float, motion: BaseMotion) -> None:
+    def _move(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         path = self._swings[foot]
         if not self.events.searching(foot):
+            if path.blocked(point, velocity, self.position[foot], self.velocity[foot]):
+                self._touch(math.inf)
+                path.step_over(time, point)
+                self.clock.extend(foot, time, path.touchdown)
             self._aim(foot, time, path.touchdown, motion)
             if path.retarget(time, self.footholds[foot]):
                 self.clock.stretch(foot, time, path.touchdown)
+        elif self.events.below(foot):
+            path.hasten(time)
         path.sample(time, self.position[foot], self.velocity[foot], self.acceleration[foot])
         if self._headings:
             self._headings[foot].retarget(time, path.touchdown, float(self.yaws[foot]))

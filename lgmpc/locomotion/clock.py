@@ -227,10 +227,24 @@ class GaitClock:
             return
         last.touchdown = until
         self._rests_from = math.inf
-        delay = max(0.0, until + self._min_stance - self._peek(foot, last.liftoff))
+        self._wait(foot, until, max(0.0, until + self._min_stance - self._peek(foot, last.liftoff)), 0)
+
+    def hold(self, foot: int, until: float) -> None:
+        """Delay the whole schedule where lift-offs until ``until``, s, need a foot that lost its contact."""
+        self._wait(foot, until, max(0.0, until + self._min_stance - self._peek(foot, self.time)), 1)
+
+    def _wait(self, foot: int, until: float, delay: float, lost: int) -> None:
+        """Delay the schedule by ``delay``, s, or until enough feet stand at each lift-off before ``until``, s.
+
+        Args:
+            foot: without ground.
+            until: when it is expected to stand, s.
+            delay: least delay, s.
+            lost: how many feet that are scheduled to stand do not.
+        """
         for other in range(self.nc):
-            for swing in self.swings(other, self.time, until):
-                if swing.liftoff > self.time and self._standing(swing.liftoff) < self.gait.min_support:
+            for swing in self.swings(other, self.time, until) if other != foot else ():
+                if swing.liftoff > self.time and self._standing(swing.liftoff) - lost < self.gait.min_support:
                     delay = max(delay, until - swing.liftoff)
         if delay > 0.0:
             self._delay(delay)

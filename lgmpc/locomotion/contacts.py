@@ -12,6 +12,7 @@ measurement of that time arrives; waiting for it would delay every touchdown by 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import Enum
 
 import numpy as np
@@ -19,11 +20,12 @@ from pydantic import Field
 
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
-from lgmpc.typing import BoolArray
+from lgmpc.typing import GRAVITY, BoolArray
 
 __all__ = ["ContactEvents", "ContactEventSettings", "ContactState"]
 
 _SAME_TIME = 1e-9  # s
+_SEARCH_SHARE = 0.55  # of sqrt(h / g)
 
 
 class ContactEventSettings(Settings):
@@ -49,6 +51,12 @@ class ContactEventSettings(Settings):
     max_late_s: NonNegative = Field(
         default=0.01,
         description="Longest delay of the schedule for a late foot; then it continues without that foot, s.",
+    )
+    max_search_s: NonNegative | None = Field(
+        default=None,
+        description="The same for a foot below the height at which it should have found the ground: a push makes feet"
+        " late, but only a hole takes them there, s. null: 0.55 of sqrt(h / g), the time in which a pendulum of the"
+        " robot's height falls.",
     )
     ramp_s: NonNegative = Field(
         default=0.025, description="Time in which the force bound of a foot opens after touchdown, s."
@@ -83,6 +91,7 @@ class ContactEvents:
         clock: the schedule; :meth:`update` corrects it for early and late feet.
         settings: see :class:`ContactEventSettings`.
         age: of the contacts measured at each update, s.
+        height: of the centre of mass above the feet, m: the scale of the longest delay.
 
     Attributes:
         states: (nc,) of the last update.
@@ -91,9 +100,12 @@ class ContactEvents:
         resting: whether all feet stand and none is to lift off, at the last update.
     """
 
-    def __init__(self, clock: GaitClock, settings: ContactEventSettings | None = None, age: float = 0.0) -> None:
+    def __init__(
+        self, clock: GaitClock, settings: ContactEventSettings | None = None, age: float = 0.0, height: float = 0.21
+    ) -> None:
         self.clock = clock
         self.settings = s = ContactEventSettings() if settings is None else settings
+        self._max_search = _SEARCH_SHARE * math.sqrt(height / GRAVITY) if s.max_search_s is None else s.max_search_s
         self._age = age
         self._touchdown_tolerance = s.touchdown_tolerance_s if age > 0.0 else 0.0  # what is measured at once needs none
         nc = clock.nc
@@ -103,16 +115,19 @@ class ContactEvents:
         self.since = [-np.inf if stands else clock.time for stands in flags]
         self.resting = False
         self._full = [1.0] * nc
+        self._nowhere: Sequence[bool] = [False] * nc
+        self._below: Sequence[bool] = self._nowhere
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
         self._due = [math.inf] * nc  # a touchdown that was scheduled and is not measured yet, s
 
-    def update(self, t: float, contacts: BoolArray | None = None) -> BoolArray:
+    def update(self, t: float, contacts: BoolArray | None = None, below: Sequence[bool] | None = None) -> BoolArray:
         """Compare schedule and measurement at time ``t``, and advance the clock.
 
         Args:
             t: time, s, not before that of the last update.
             contacts: (nc,) measured at ``t - age``; None where nothing is: then the schedule is followed.
+            below: (nc,) which feet are below the height at which they should have found the ground; none unless given.
 
         Returns:
             :attr:`stance`.
@@ -127,6 +142,7 @@ class ContactEvents:
         if self.resting and measured is not None:
             self.clock.advance(t)  # all stand, whatever they measure
             return self.stance
+        self._below = below if below is not None else self._nowhere
         # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
         feet = range(self.clock.nc)
         landed = [carried and due == math.inf for carried, due in zip(carries, self._due, strict=True)]
@@ -173,6 +189,8 @@ class ContactEvents:
         if before is ContactState.LATE:
             return ContactState.STANCE if touching else self._wait(foot, t)
         if before is ContactState.MISSING or before is ContactState.LOST:
+            if not touched and self._below[foot] and t - self.since[foot] < self._max_search:
+                clock.hold(foot, t + self._expected(foot, t))
             return ContactState.STANCE if touched else before
         # A foot that stands for good is held in place while a push unloads it: it has nowhere else to go.
         ends = math.isfinite(clock.next_liftoff(foot, t))
@@ -182,11 +200,23 @@ class ContactEvents:
     def _wait(self, foot: int, t: float) -> ContactState:
         """Delay the schedule for a foot whose touchdown is due, up to the longest wait."""
         begin = self.since[foot] if self.states[foot] is ContactState.LATE else t
-        if t - begin >= self.settings.max_late_s:
+        if t - begin >= (self._max_search if self._below[foot] else self.settings.max_late_s):
             self.clock.touch_down(foot, t)
             return ContactState.MISSING
-        self.clock.extend(foot, t, t + self.settings.lookahead_s)
+        self.clock.extend(foot, t, t + self._expected(foot, t))
         return ContactState.LATE
+
+    def _expected(self, foot: int, t: float) -> float:
+        """Return the time in which a foot that searches is expected to find the ground, s.
+
+        One that is below it is expected to search for as long again as it has.
+        """
+        again = t - self.since[foot] if self.below(foot) else 0.0
+        return max(self.settings.lookahead_s, again)
+
+    def below(self, foot: int) -> bool:
+        """Return whether a foot searches below the height at which it should have found the ground."""
+        return self._below[foot] and self.searching(foot)
 
     def searching(self, foot: int) -> bool:
         """Return whether a foot descends in search of the ground beyond its schedule."""
@@ -213,10 +243,9 @@ class ContactEvents:
         the lookahead.
         """
         flags[0] = self.stance
-        searched = 1 + int(self.settings.lookahead_s / dt)
         for foot in range(self.clock.nc):
             if self.searching(foot):
-                flags[:searched, foot] = False
+                flags[: 1 + int(self._expected(foot, self.clock.time) / dt), foot] = False
 
     def loading(self, t: float) -> list[float]:
         """Return (nc,) the shares of their largest forces that feet may carry: ramps at touchdown, before lift-off."""

@@ -16,15 +16,23 @@ import math
 from pydantic import Field
 
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["HeadingTrajectory", "SwingSettings", "SwingTrajectory"]
 
 _STEEPEST = 2.0
 """Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
 
+_CLEARANCE_SHARE, _DEPTH_SHARE = 1.0 / 7.0, 0.5  # of the height of the centre of mass
 _PEAK = 10.0 / math.sqrt(3.0)
 """Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
+
+_OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of that are pushed
+_LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
+_RISING_SHARE = 0.6
+"""Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
+_ROUGH_SHARE = 0.5
+_AGAIN_SHARE = 0.7  # of a swing's duration, for the step over an obstacle
 
 Coefficients = tuple[float, float, float, float, float, float]
 State = tuple[float, float, float]  # position, velocity, acceleration
@@ -33,7 +41,11 @@ State = tuple[float, float, float]  # position, velocity, acceleration
 class SwingSettings(Settings):
     """Shape of the swings."""
 
-    clearance_m: Positive = Field(default=0.03, description="Apex above the higher one of lift-off and target, m.")
+    clearance_m: Positive | None = Field(
+        default=None,
+        description="Apex above the higher one of lift-off and target, m; more on rough ground. null: a seventh of the"
+        " height of the centre of mass, to the millimetre.",
+    )
     apex_share: float = Field(
         default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
     )
@@ -42,8 +54,10 @@ class SwingSettings(Settings):
         description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s; less in slow"
         " swings, whose feet would rise again before.",
     )
-    search_depth_m: NonNegative = Field(
-        default=0.04, description="How far below its target a late foot searches for the ground, m."
+    search_depth_m: NonNegative | None = Field(
+        default=None,
+        description="How far below its target a late foot searches for the ground, m. null: half the height of the"
+        " centre of mass.",
     )
     freeze_share: Fraction = Field(
         default=0.8, description="Share of the swing from which the target stays where it is."
@@ -67,22 +81,30 @@ class SwingTrajectory:
 
     Args:
         settings: see :class:`SwingSettings`.
+        height: of the centre of mass above the feet, m: the scale of clearance and search depth.
 
     Attributes:
+        clearance: of the apex, m, the least of every swing.
+        roughness: added to it in the next swing, m.
         liftoff: of the present swing, s.
         touchdown: as scheduled at lift-off or, of a long step, later, s.
         target: where the foot goes: x, y and the height of the ground there, m.
         touchdown_speed: downward, of the present swing, m/s.
     """
 
-    def __init__(self, settings: SwingSettings | None = None) -> None:
-        self.settings = SwingSettings() if settings is None else settings
+    def __init__(self, settings: SwingSettings | None = None, height: float = 0.21) -> None:
+        self.settings = s = SwingSettings() if settings is None else settings
+        self.clearance = round(_CLEARANCE_SHARE * height, 3) if s.clearance_m is None else s.clearance_m
+        self.roughness = 0.0
+        self._obstructed = _OBSTRUCTED_SHARE * height
+        self._depth = _DEPTH_SHARE * height if s.search_depth_m is None else s.search_depth_m
         self.liftoff = 0.0
         self.touchdown = 0.0
         self.target = (0.0, 0.0, 0.0)
         self._latest = 0.0
         self._from = (0.0, 0.0)
         self._apex_time = 0.0
+        self._hastened = math.inf
         self._planned = 0.0  # when the polynomials of x and y begin
         self._x = self._y = self._rise = self._fall = _at_rest(0.0)
         self._fall_begin = 0.0
@@ -108,20 +130,22 @@ class SwingTrajectory:
             latest: when the swing of a long step has to have ended, s; as scheduled unless given.
         """
         s = self.settings
-        self.liftoff, self.touchdown = t, touchdown
+        self.liftoff, self.touchdown, self._hastened = t, touchdown, math.inf
         longest = touchdown + (s.longest_share - 1.0) * (touchdown - t)
         self._latest = touchdown if latest is None else max(touchdown, min(latest, longest))
         self._from = (float(position[0]), float(position[1]))
         self.target = (float(target[0]), float(target[1]), float(target[2]))
         self._postpone()
         z = float(position[2])
-        apex = max(z, self.target[2]) + s.clearance_m
+        apex = max(z, self.target[2]) + self.clearance + self.roughness
         self._apex_time = t + s.apex_share * (touchdown - t)
         self._rise = _quintic((z, max(float(velocity[2]), 0.0), 0.0), (apex, 0.0, 0.0), self._apex_time - t)
         self._plan_fall(self._apex_time, (apex, 0.0, 0.0))
-        self._plan_plane(
-            t, (float(position[0]), float(velocity[0]), 0.0), (float(position[1]), float(velocity[1]), 0.0)
-        )
+        x, y = (float(position[0]), float(velocity[0]), 0.0), (float(position[1]), float(velocity[1]), 0.0)
+        if self.roughness > 0.0:  # what is ahead may be a riser
+            self._plan_plane(t + _ROUGH_SHARE * (self._apex_time - t), (x[0], 0.0, 0.0), (y[0], 0.0, 0.0))
+        else:
+            self._plan_plane(t, x, y)
 
     def put_down(self, t: float, touchdown: float, position: Array) -> None:
         """Begin a swing, without rising, of a foot that is in the air at ``position`` (3,), at rest, already."""
@@ -131,6 +155,35 @@ class SwingTrajectory:
         self.target = (x, y, z)
         self._plan_fall(t, (z, 0.0, 0.0))
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
+
+    def blocked(self, position: Array, velocity: Array, wanted: Array, moving: Array) -> bool:
+        """Return whether an obstacle holds the foot back: it is behind its path, and does not catch up.
+
+        Args:
+            position: (3,) of the contact point, m.
+            velocity: (3,) m/s.
+            wanted: (3,) position of the path, m.
+            moving: (3,) velocity of the path, m/s.
+        """
+        vx, vy = float(moving[0]), float(moving[1])
+        speed = math.hypot(vx, vy)
+        if speed < _LEAST_SPEED:
+            return False
+        x, y, _ = (wanted - position).tolist()
+        behind = vx * x + vy * y > self._obstructed * speed
+        return behind and vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
+
+    def step_over(self, t: float, position: Array) -> None:
+        """Begin again from ``position`` (3,), where an obstacle holds the foot: upwards, and from there on ahead."""
+        duration = max(_AGAIN_SHARE * (self.touchdown - self.liftoff), self.touchdown - t)
+        self.touchdown = self._latest = t + duration
+        self.liftoff, self._from = t, (float(position[0]), float(position[1]))
+        x, y, z = (float(value) for value in position)
+        apex = max(z, self.target[2]) + self.clearance + self.roughness
+        self._apex_time = t + self.settings.apex_share * duration
+        self._rise = _quintic((z, 0.0, 0.0), (apex, 0.0, 0.0), self._apex_time - t)
+        self._plan_fall(self._apex_time, (apex, 0.0, 0.0))
+        self._plan_plane(t + _RISING_SHARE * (self._apex_time - t), (x, 0.0, 0.0), (y, 0.0, 0.0))
 
     def frozen(self, t: float) -> bool:
         """Return whether the swing is too advanced for another target."""
@@ -146,7 +199,8 @@ class SwingTrajectory:
         fall_changes = z != self.target[2]
         self.target = (x, y, z)
         fall_changes |= self._postpone()
-        self._plan_plane(t, _evaluate(self._x, t - self._planned), _evaluate(self._y, t - self._planned))
+        begin = max(t, self._planned)  # later than now on the way up in front of an obstacle
+        self._plan_plane(begin, _evaluate(self._x, begin - self._planned), _evaluate(self._y, begin - self._planned))
         if fall_changes:
             begin = max(t, self._apex_time)
             self._plan_fall(begin, self._height(begin))
@@ -155,30 +209,35 @@ class SwingTrajectory:
     def search(self, t: float, position: Array) -> None:
         """Descend at the touchdown speed from ``position`` (3,) on: a stance foot lost its contact."""
         self.liftoff = self.touchdown = self._apex_time = t
+        self._hastened = math.inf
         self.touchdown_speed = self.settings.touchdown_speed_m_s
         self.target = (float(position[0]), float(position[1]), float(position[2]))
+
+    def hasten(self, t: float) -> None:
+        """Fall from now on as fast as freely: the ground is further down than expected."""
+        self._hastened = min(self._hastened, t)
 
     def sample(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
         """Write position (3,), velocity and acceleration at time ``t``; after the touchdown, those of a late foot."""
         if t >= self.touchdown:
-            self._sample_late(t - self.touchdown, position, velocity, acceleration)
+            self._sample_late(t, position, velocity, acceleration)
             return
-        dt = t - self._planned
+        dt = max(t - self._planned, 0.0)
         position[0], velocity[0], acceleration[0] = _evaluate(self._x, dt)
         position[1], velocity[1], acceleration[1] = _evaluate(self._y, dt)
         position[2], velocity[2], acceleration[2] = self._height(t)
 
-    def _sample_late(self, late: float, position: Array, velocity: Array, acceleration: Array) -> None:
-        """Straight down at constant speed to the search depth, and there to rest."""
-        s = self.settings
-        depth = self.touchdown_speed * late
-        searching = depth < s.search_depth_m
+    def _sample_late(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
+        """Straight down to the search depth, at constant speed until hastened, and there to rest."""
+        fallen = max(t - self._hastened, 0.0)
+        depth = self.touchdown_speed * (t - self.touchdown) + 0.5 * GRAVITY * fallen * fallen
+        searching = depth < self._depth
         position[0], position[1], position[2] = self.target
-        position[2] -= depth if searching else s.search_depth_m
+        position[2] -= depth if searching else self._depth
         velocity[:] = 0.0
         acceleration[:] = 0.0
         if searching:
-            velocity[2] = -self.touchdown_speed
+            velocity[2] = -self.touchdown_speed - GRAVITY * fallen
 
     def _postpone(self) -> bool:
         """Postpone the touchdown until the step to the target is within the limit; return whether it had to be."""

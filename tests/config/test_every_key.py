@@ -302,6 +302,7 @@ EXEMPT: dict[str, str] = {
     "locomotion.gaits": "walked entry by entry where there are some",
     "locomotion.gaits.?.name": "commands refer to it",
     "locomotion.swing.search_depth_m": "of feet that find no ground, see tests/locomotion/test_swing.py",
+    "locomotion.contacts.max_search_s": "of feet that find no ground, see tests/locomotion/test_contacts.py",
     "locomotion.terrain.level_deg": "of gentle slopes, see tests/locomotion",
     "locomotion.terrain.steepest_deg": "of steep slopes, see tests/locomotion",
     "modes.displaced_m": "of feet far from their place, see tests/control/test_steps.py",

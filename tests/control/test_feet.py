@@ -40,20 +40,50 @@ def test_a_foot_without_ground_swings_when_its_next_swing_is_due(
     behind = points - [0.05, 0.0, 0.0]  # the feet that stand, once the robot has passed over them
     found, heights, aims = set(), [], []
     touchdown = np.inf
-    for time in 1e-3 * np.arange(1, 500):
+    for time in 1e-3 * np.arange(1, 700):
         feet.follow(time, MotionCommand(vx=0.1, gait="trot"))
         scheduled = feet.clock.flags(time)
         if scheduled[FOOT] and feet.clock.last_touchdown(FOOT, time) > 0.0:
             touchdown = min(touchdown, time)
         scheduled[FOOT] &= time < touchdown + touched_s
-        feet.update(time, behind, np.zeros((4, 3)), scheduled, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0))
+        measured = np.where(feet.stance[:, None], behind, feet.position)  # in the air they follow their paths
+        feet.update(time, measured, feet.velocity, scheduled, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0))
         found.add(feet.events.states[FOOT])
         if time > touchdown and feet.events.states[FOOT] is ContactState.SWING:
             heights.append(feet.position[FOOT, 2])
             aims.append(feet.footholds[FOOT, :2].copy())
     assert state in found
-    assert max(heights) > 0.9 * settings.swing.clearance_m
+    assert max(heights) > 0.9 * 0.03
     np.testing.assert_allclose(np.array(aims) - points[FOOT, :2], 0.0, atol=0.02)
+
+
+def test_feet_swing_higher_after_a_touchdown_at_an_unexpected_height_and_after_an_obstacle(robot: Robot) -> None:
+    settings = LocomotionSettings()
+    apexes = {}
+    for case in ("even", "block", "riser"):
+        feet = Feet(
+            robot, settings, gaits_of(robot, settings), Contacts.standing(robot, WholeBodySettings().scaled(robot))
+        )
+        points = feet.legs.feet * [1.0, 1.0, 0.0]
+        feet.begin(0.0, points, None)
+        heights = []
+        for time in 1e-3 * np.arange(1, 560):
+            feet.follow(time, MotionCommand(vx=0.5, gait="trot"))
+            measured = np.where(feet.stance[:, None], points, feet.position)
+            measured[:, :2] = feet.position[:, :2]
+            velocity = feet.velocity.copy()
+            contacts = feet.clock.flags(time)
+            if case == "block" and 0.14 < time < 0.3:  # the first touchdown of this foot is 20 mm up
+                contacts[FOOT] |= feet.velocity[FOOT, 2] < 0.0 and feet.position[FOOT, 2] < 0.02
+                measured[FOOT, 2] = max(feet.position[FOOT, 2], 0.02)
+            if case == "riser" and 0.03 < time < 0.3 and not feet.stance[FOOT]:
+                measured[FOOT, 0], velocity[FOOT] = points[FOOT, 0] + 0.01, 0.0
+            feet.update(time, measured, velocity, contacts, BaseMotion(0.5 * time, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5))
+            heights.append(feet.position[FOOT, 2])
+        apexes[case] = max(heights[320:])
+    assert apexes["even"] == pytest.approx(0.03, abs=1e-3)
+    assert apexes["block"] > 0.04
+    assert apexes["riser"] > 0.07
 
 
 def test_the_displacement_of_feet_is_that_from_the_reference_posture_wherever_the_robot_is(robot: Robot) -> None:

@@ -30,6 +30,7 @@ class Script:
         self.arriving = deque([np.ones(4, dtype=np.bool_)] * age)
         self.first = self.clock.swing(0, 0.0)
         self.t = 0.0
+        self.below = [False] * 4
         self.history: list[tuple[float, ContactState]] = []
 
     def run(self, until: float, floor: Callable[[float, np.ndarray], None] | None = None) -> None:
@@ -38,7 +39,7 @@ class Script:
             if floor is not None:
                 floor(self.t, contacts)
             self.arriving.append(contacts)
-            self.events.update(self.t, self.arriving.popleft())
+            self.events.update(self.t, self.arriving.popleft(), self.below)
             self.history.append((self.t, self.events.states[0]))
             self.t += TICK
 
@@ -152,6 +153,35 @@ def test_a_stance_foot_that_loses_its_contact_is_lost_and_found() -> None:
     script.run(gone + 0.08, bump)
     assert script.sequence() == [SWING, STANCE, LOST, STANCE]
     assert script.begin(LOST) == pytest.approx(gone + SETTINGS.lost_time_s, abs=1.1 * TICK)
+
+
+def test_the_schedule_waits_longer_for_a_foot_below_the_ground_it_expected() -> None:
+    waits = []
+    for below in (False, True):
+        script = Script(ContactEventSettings(max_search_s=0.06))
+        script.below = [below, False, False, False]
+        script.run(TROT.swing_s + 0.12, lambda t, contacts: contacts.__setitem__(0, False))
+        waits.append(script.begin(MISSING) - script.begin(LATE))
+    assert waits == [
+        pytest.approx(SETTINGS.max_late_s, abs=1.1 * TICK),
+        pytest.approx(0.06, abs=1.1 * TICK),
+    ]
+
+
+@pytest.mark.parametrize("below", [False, True])
+def test_no_foot_lifts_off_while_a_lost_one_descends_below_the_ground(below: bool) -> None:
+    script = Script(ContactEventSettings(lost_time_s=0.004))
+    gone, fewest = TROT.swing_s + 0.006, []
+
+    def edge(t: float, contacts: np.ndarray) -> None:
+        contacts[0] &= t < gone or t > gone + 0.08
+        script.below[0] = below and gone < t < gone + 0.08
+        if gone + 0.04 < t < gone + 0.08:
+            fewest.append(int(script.events.stance.sum()))
+
+    script.run(gone + 0.12, edge)
+    assert LOST in script.sequence()
+    assert min(fewest) == (3 if below else 1)
 
 
 def test_a_short_gap_in_a_stance_is_no_loss() -> None:

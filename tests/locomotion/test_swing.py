@@ -36,7 +36,7 @@ def test_a_swing_begins_where_the_foot_is_and_ends_at_its_target(
     np.testing.assert_allclose(position, target, atol=1e-8)
     np.testing.assert_allclose(speed, [0.0, 0.0, -swing.touchdown_speed], atol=1e-5)
     apex = sample(swing, 1.0 + swing.settings.apex_share * length)
-    assert apex[0, 2] == pytest.approx(max(begin[2], target[2]) + swing.settings.clearance_m)
+    assert apex[0, 2] == pytest.approx(max(begin[2], target[2]) + swing.clearance)
     assert apex[1, 2] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -48,7 +48,7 @@ def test_the_foot_rises_to_the_apex_and_then_falls(begin: np.ndarray, target: np
     top = int(np.argmax(heights))
     assert (np.diff(heights[: top + 1]) >= -1e-12).all()
     assert (np.diff(heights[top:]) <= 1e-12).all()
-    assert heights.max() <= swing.settings.clearance_m + 1e-9
+    assert heights.max() <= swing.clearance + 1e-9
     assert heights.min() >= -1e-9
 
 
@@ -180,3 +180,42 @@ def test_a_lost_foot_searches_from_where_it_is() -> None:
     np.testing.assert_allclose(position, [0.1, 0.2, 0.005 - 0.05 * swing.touchdown_speed])
     assert velocity[2] == -swing.touchdown_speed
     assert not swing.retarget(2.1, np.zeros(3))
+
+
+def test_clearance_and_search_depth_are_shares_of_the_height() -> None:
+    for height in (0.21, 0.48):
+        swing = SwingTrajectory(height=height)
+        assert swing.clearance == pytest.approx(height / 7.0, abs=5e-4)
+        swing.lift_off(0.0, 0.2, np.zeros(3), np.zeros(3), np.zeros(3))
+        assert sample(swing, 9.0)[0, 2] == pytest.approx(-0.5 * height)
+
+
+def test_a_hastened_foot_falls_freely_from_then_on() -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(0.0, 0.2, np.zeros(3), np.zeros(3), np.zeros(3))
+    speed = swing.touchdown_speed
+    swing.hasten(0.21)
+    swing.hasten(0.22)  # has begun to fall
+    position, velocity, _ = sample(swing, 0.25)
+    assert position[2] == pytest.approx(-0.05 * speed - 0.5 * 9.81 * 0.04**2)
+    assert velocity[2] == pytest.approx(-speed - 9.81 * 0.04)
+    swing.lift_off(1.0, 1.2, np.zeros(3), np.zeros(3), np.zeros(3))
+    assert sample(swing, 1.25)[1, 2] == -swing.touchdown_speed
+
+
+def test_a_foot_held_back_by_an_obstacle_rises_before_it_moves_ahead_again() -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))
+    at = np.array([0.03, 0.0, 0.02])
+    wanted, velocity, _ = sample(swing, 0.06)
+    assert not swing.blocked(wanted, np.zeros(3), wanted, velocity)  # not behind its path
+    assert not swing.blocked(at, velocity, wanted, velocity)  # it catches up
+    assert swing.blocked(at, np.zeros(3), wanted, velocity)
+    swing.roughness = 0.05
+    swing.step_over(0.06, at)
+    rows = np.array([sample(swing, t)[0] for t in np.linspace(0.06, swing.touchdown - 1e-9, 200)])
+    np.testing.assert_allclose(rows[0], at, atol=1e-12)
+    np.testing.assert_allclose(rows[-1], swing.target, atol=1e-6)
+    assert rows[:, 2].max() == pytest.approx(0.02 + swing.clearance + 0.05, abs=1e-4)
+    over = np.flatnonzero(rows[:, 2] > 0.05)[0]
+    assert (rows[:over, 0] == 0.03).all()

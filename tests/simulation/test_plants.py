@@ -10,7 +10,9 @@ import pytest
 from lgmpc.errors import InputError
 from lgmpc.robot import Box, RobotSpec, load_robot
 from lgmpc.simulation.disturbances import Push, PushSchedule
+from lgmpc.simulation.loop import true_state
 from lgmpc.simulation.parameters import PlantSettings
+from lgmpc.simulation.plant import PlantSample
 
 GRAVITY = 9.81
 ANGLES = (0.0, 0.3, math.pi / 4, 2.5)
@@ -320,3 +322,9 @@ def test_bad_states_torques_and_wrenches_are_refused(plant_type, solo12):
     for ask in (lambda: plant.set_wrench("base_lnk", np.zeros(6)), lambda: plant.body_point("base_lnk")):
         with pytest.raises(InputError, match="base_link"):
             ask()
+
+
+def test_a_foot_that_is_pushed_aside_more_than_up_does_not_stand(solo12) -> None:
+    forces = np.array([[0.0, 0.0, 5.0], [0.0, 0.0, 0.0], [-5.0, 0.0, 3.0], [0.0, 3.0, 5.0]])  # the third at a riser
+    sample = PlantSample(0.0, np.zeros(solo12.nq), np.zeros(solo12.nv), np.zeros(solo12.nu), forces)
+    assert true_state(sample).contacts.tolist() == [True, False, False, True]

@@ -40,7 +40,7 @@ from lgmpc.costs import Bounded, Cost, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.robot.feet import UP, axes_of
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
-from lgmpc.state.vector import StateVector
+from lgmpc.state import StateVector
 from lgmpc.typing import instance
 
 __all__ = ["CentroidalAction"]

@@ -18,7 +18,6 @@ SUMMARIES: Mapping[str, str] = MappingProxyType(
         "heavy-top": "Lagrange's top: precession, nutation, sleeping and falling",
         "symmetry": "Noether's theorem: as many momenta as symmetries",
         "integrators": "Variational integrators and RK4: drift over 1000 s",
-        "elroy": "Elroy's beanie: a geometric phase in closed form",
         "cat": "A falling cat turns over at zero angular momentum",
         "snake": "Three links rotate by changes of shape: holonomy and area",
         "rov": "Underwater vehicles: rising, righting, Munk's instability",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pinocchio as pin
 from scipy.interpolate import CubicHermiteSpline
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
@@ -82,18 +83,11 @@ def run() -> Outcome:
 def _handle() -> tuple[Array, Array]:
     """Return the inertia (3, 3) about the handle's centre of mass, and the tip of its stem (3,) relative to it."""
     (bar, bar_radius, bar_length), (stem, stem_radius, stem_length) = _BAR, _STEM
-    center = stem / (bar + stem) * stem_length / 2.0
-    along_y, along_x = _cylinder(bar, bar_radius, bar_length), _cylinder(stem, stem_radius, stem_length)
-    inertia = np.diag(along_y[[1, 0, 1]]) + np.diag(along_x)
-    for mass, x in ((bar, -center), (stem, stem_length / 2.0 - center)):
-        inertia += mass * x**2 * np.diag([0.0, 1.0, 1.0])
-    return inertia, np.array([stem_length - center, 0.0, 0.0])
-
-
-def _cylinder(mass: float, radius: float, length: float) -> Array:
-    """Return the principal moments of a cylinder, its axis first."""
-    across = mass * (3.0 * radius**2 + length**2) / 12.0
-    return np.array([mass * radius**2 / 2.0, across, across])
+    along_y, along_x = (pin.utils.rotate(axis, 0.5 * math.pi) for axis in "xy")
+    middle = np.array([stem_length / 2.0, 0.0, 0.0])
+    handle = pin.Inertia.FromCylinder(bar, bar_radius, bar_length).se3Action(pin.SE3(along_y, np.zeros(3)))
+    handle += pin.Inertia.FromCylinder(stem, stem_radius, stem_length).se3Action(pin.SE3(along_x, middle))
+    return np.array(handle.inertia), np.array([stem_length, 0.0, 0.0]) - handle.lever
 
 
 def _simulate(top: EulerTop, end: float) -> Motion:

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
 from lgmpc.demos.simulated_trot import DOWN, SimulatedTrot, simulate_trot
 from lgmpc.estimation.inertial import ImuNoise, error_dynamics
-from lgmpc.estimation.invariant_ekf import LEFT, MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
+from lgmpc.estimation.invariant_ekf import MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 
@@ -68,7 +68,6 @@ def run() -> Outcome:
     predicted, found = (_rms(right, name) for name in ("predicted", "tilts"))
     rows = (
         Row("error off expm(A t) xi(0)", 0.0, _log_linear(), 1e-10),
-        Row("left form less right form", 0.0, _left_less_right(), 1e-10),
         Row("right form: NEES / freedom", 1.0, ratio, float(tolerance)),
         Row("right form: RMS tilt error", predicted, found, 0.375 * predicted, "deg"),
     )
@@ -148,20 +147,6 @@ def _log_linear() -> float:
             error = estimate.error(true.pose, np.zeros(6))[:-6]
             worst = max(worst, float(np.abs(error - expm(dynamics * dt * k) @ first).max()))
     return worst
-
-
-def _left_less_right() -> float:
-    walk, poses = _walk(0), []
-    for form in (LEFT, RIGHT):
-        ekf = InvariantEkf(4, NOISE, slip=SLIP, form=form)
-        ekf.reset(walk.poses[0], np.repeat([0.1, 0.2, 0.1, 0.005, 0.05], 3))
-        standing, spread = np.flatnonzero(walk.touching[0]).tolist(), walk.foot_noise**2 * np.eye(3)
-        for foot in standing:
-            ekf.begin_contact(foot, walk.measured[0, foot], spread)
-        ekf.predict(walk.gyro[0], walk.accelerometer[0], walk.period)
-        ekf.correct(walk.measured[1], np.tile(spread, (4, 1, 1)))
-        poses.append(ekf.pose.copy())
-    return float(np.abs(poses[0] - poses[1]).max())
 
 
 def _times() -> Array:

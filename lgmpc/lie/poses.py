@@ -162,6 +162,10 @@ class ArrayPoses(Poses):
     def __init__(self, linear_first: bool = False) -> None:
         super().__init__(_Unchecked(), linear_first)
 
+    def from_parts(self, rotation: Array, translation: Array) -> Array:
+        """Return the placement of a rotation (..., 3, 3) and a translation (..., 3), m."""
+        return self._pack(rotation, translation[..., None], 1.0)
+
     def _split(self, xi: Array) -> list[Array]:
         vectors = [xi[..., i : i + 3] for i in range(0, xi.shape[-1], 3)]
         return vectors[::-1] if self.linear_first else vectors

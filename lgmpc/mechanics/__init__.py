@@ -6,7 +6,7 @@
     rollout          compiled steps, thousands in a call
     rigid_body       free bodies and heavy tops as Euler-Poincare systems
     torque_free, lagrange_top   closed forms of tops, Poinsot's construction
-    connection, phases          rotation by changes of shape: beanie, cat, three links
+    connection, phases          rotation by changes of shape: cat, three links
     underwater       added mass, damping, buoyancy
     quadrotor        geometric control on SE(3), and an Euler-angle PID (not exported here)
 
@@ -30,8 +30,8 @@ from lgmpc.mechanics.euler_poincare import (
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, body_momentum, extended_poses, spatial_momentum
 from lgmpc.mechanics.integrators import compare_integrators, discrete_euler_poincare, drift_table, moser_veselov
 from lgmpc.mechanics.lagrange_top import LagrangeTop
-from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, LiePoisson, extended_poses_dual
-from lgmpc.mechanics.phases import Beanie, Cat, ThreeLink
+from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, LiePoisson
+from lgmpc.mechanics.phases import Cat, ThreeLink
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.symmetry import LeftSymmetry, conserved_dimension
 from lgmpc.mechanics.torque_free import EulerTop, Poinsot
@@ -47,7 +47,6 @@ __all__ = [
     "SO3_DUAL",
     "UP",
     "Advected",
-    "Beanie",
     "Cat",
     "Connection",
     "EulerPoincare",
@@ -71,7 +70,6 @@ __all__ = [
     "discrete_euler_poincare",
     "drift_table",
     "extended_poses",
-    "extended_poses_dual",
     "free_body",
     "heavy_top",
     "moser_veselov",

@@ -13,7 +13,6 @@ __all__ = [
     "check_inertia",
     "check_number",
     "check_positive",
-    "check_positive_definite",
     "check_vector",
     "frozen",
 ]
@@ -57,25 +56,6 @@ def check_vector(name: str, value: object, size: int) -> Array:
     return array
 
 
-def check_positive_definite(name: str, value: object, size: int) -> Array:
-    """Return a symmetric positive definite matrix (size, size).
-
-    Raises:
-        InputError: wrong shape, not finite, not symmetric or not positive definite.
-    """
-    array = checks.matrix(size)(name, value)
-    if array.shape != (size, size):
-        raise InputError(name, f"shape {array.shape}", f"shape {(size, size)}")
-    scale = float(np.abs(array).max())
-    skew = float(np.abs(array - array.T).max())
-    if skew > _TOLERANCE * scale:
-        raise InputError(name, f"a matrix A with |A - A^T| = {skew:.3g}", "a symmetric matrix")
-    moments: Array = np.linalg.eigvalsh(array).astype(np.float64)
-    if not moments[0] > 0.0:
-        raise InputError(name, f"eigenvalues {_listed(moments)}", "a positive definite matrix")
-    return array
-
-
 def check_inertia(name: str, value: object) -> Array:
     """Return a rotational inertia (3, 3), kg.m^2.
 
@@ -83,10 +63,18 @@ def check_inertia(name: str, value: object) -> Array:
         InputError: wrong shape, not finite, not symmetric, not positive definite, or a principal moment above the sum
             of the other two, which no mass distribution has.
     """
-    array = check_positive_definite(name, value, 3)
-    low, middle, high = np.linalg.eigvalsh(array)
+    array = checks.finite(name, value)
+    if array.shape != (3, 3):
+        raise InputError(name, f"shape {array.shape}", "shape (3, 3)")
+    skew = float(np.abs(array - array.T).max())
+    if skew > _TOLERANCE * float(np.abs(array).max()):
+        raise InputError(name, f"a matrix A with |A - A^T| = {skew:.3g}", "a symmetric matrix")
+    low, middle, high = np.linalg.eigvalsh(array).tolist()
+    listed = f"{low:.6g}, {middle:.6g}, {high:.6g}"
+    if not low > 0.0:
+        raise InputError(name, f"eigenvalues {listed}", "a positive definite matrix")
     if high > (low + middle) * (1.0 + _TOLERANCE):
-        got = f"principal moments {_listed(np.array([low, middle, high]))}"
+        got = f"principal moments {listed}"
         raise InputError(name, got, "no moment above the sum of the other two (triangle inequality)")
     return array
 
@@ -96,7 +84,3 @@ def frozen(value: ArrayLike) -> Array:
     array: Array = np.array(value, dtype=np.float64)
     array.setflags(write=False)
     return array
-
-
-def _listed(values: Array) -> str:
-    return ", ".join(f"{value:.6g}" for value in values)

@@ -32,7 +32,7 @@ from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.groups import LieGroup, body_momentum, spatial_momentum
-from lgmpc.mechanics.rollout import Rollout, runge_kutta4
+from lgmpc.mechanics.rollout import rollout, runge_kutta4
 from lgmpc.typing import Array
 
 __all__ = [
@@ -301,7 +301,7 @@ class EulerPoincare:
         return StageKernel(self.observables)
 
     @functools.cached_property
-    def _rollouts(self) -> dict[Method, Rollout]:
+    def _kernels(self) -> dict[Method, StageKernel]:
         return {}
 
     @typed
@@ -342,9 +342,9 @@ class EulerPoincare:
             raise InputError("advected", f"shape {a.shape}", f"shape {(expected,)}")
         self._check_mass(g, xi, a)
         start = np.concatenate((g.ravel(order="F"), xi, a))
-        if method not in self._rollouts:
-            self._rollouts[method] = Rollout(method(self))
-        times, rows = self._rollouts[method](start, step, steps, every, self.parameters)
+        if method not in self._kernels:
+            self._kernels[method] = StageKernel(method(self))
+        times, rows = rollout(self._kernels[method], start, step, steps, every, self.parameters)
         poses = rows[:, : size * size].reshape(-1, size, size).transpose(0, 2, 1)
         return Motion(times, poses, rows[:, size * size : size * size + dim], rows[:, size * size + dim :])
 

@@ -7,13 +7,14 @@ Functions of mu are Python functions from a CasADi column to a CasADi scalar; so
 Momenta are in the coordinates of the group: on se(3)*, [linear; angular]; on SE_k(3)* rotation first: on SE_1(3)* the
 heavy top's (body angular momentum, advected direction).
 
+Coadjoint orbits are ``Ad*_g mu``, :func:`~lgmpc.mechanics.body_momentum`.
+
 Chapter 4.10 and 4.17; Lie, "Theorie der Transformationsgruppen" (1890); Marsden and Ratiu, "Introduction to mechanics
 and symmetry" (1999), chapters 13 and 14; Marsden, Ratiu, Weinstein, Trans. AMS 281 (1984).
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -22,11 +23,10 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import typed
-from lgmpc.mechanics.groups import SE3, SO3, LieGroup, extended_poses
+from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup
 from lgmpc.typing import Array
 
-__all__ = ["SE3_DUAL", "SEMIDIRECT_DUAL", "SO3_DUAL", "Function", "LiePoisson", "extended_poses_dual"]
+__all__ = ["SE3_DUAL", "SEMIDIRECT_DUAL", "SO3_DUAL", "Function", "LiePoisson"]
 
 Function = Callable[[Any], Any]
 """Of mu: a CasADi column (dim,) to a scalar expression, smooth."""
@@ -92,20 +92,6 @@ class LiePoisson:
         sizes = np.linalg.svd(self.tensor(mu), compute_uv=False)
         return int(np.count_nonzero(sizes > tolerance * max(float(np.abs(mu).max()), np.finfo(float).tiny)))
 
-    def orbit(self, mu: Array, poses: Array) -> Array:
-        """Return (..., dim) the points ``Ad*_g mu`` of the coadjoint orbit, ``Ad*_g = adjoint(g)^T``.
-
-        Args:
-            mu: (dim,) a point of the orbit.
-            poses: (..., size, size) elements g.
-
-        Raises:
-            InputError: not elements of the group, or ``mu`` of another shape.
-        """
-        here = self.group.check_tangent("mu", mu)
-        points: Array = np.einsum("...ji,j->...i", self.group.numeric.adjoint(poses), here)
-        return points
-
 
 SO3_DUAL = LiePoisson(SO3, (("|pi|^2", lambda mu: ca.dot(mu, mu)),))
 """so(3)*: body angular momentum pi; leaves are spheres (chapter 4.10.3 to 4.10.5)."""
@@ -114,26 +100,8 @@ SE3_DUAL = LiePoisson(SE3, (("l . k", lambda mu: ca.dot(mu[:3], mu[3:])), ("|l|^
 """se(3)*: [linear l; angular k] body momentum; generic leaves have dimension 4 (chapter 4.10.6)."""
 
 
-@typed
-def extended_poses_dual(k: int) -> LiePoisson:
-    """The dual of SE_k(3)'s algebra, (pi, Gamma_1, ..., Gamma_k): so(3)* with k advected vectors.
-
-    Casimirs: ``pi . Gamma`` and ``|Gamma|^2`` for k = 1; all ``Gamma_i . Gamma_j`` for larger k, independent of pi.
-
-    Raises:
-        InputError: ``k`` is not positive.
-    """
-    group = extended_poses(k)
-
-    def product(i: int, j: int) -> Function:
-        return lambda mu: ca.dot(mu[3 * i : 3 * i + 3], mu[3 * j : 3 * j + 3])
-
-    gamma = tuple(
-        (f"Gamma_{i} . Gamma_{j}", product(i, j))
-        for i, j in itertools.combinations_with_replacement(range(1, k + 1), 2)
-    )
-    return LiePoisson(group, gamma if k > 1 else (("pi . Gamma", product(0, 1)), *gamma))
-
-
-SEMIDIRECT_DUAL = extended_poses_dual(1)
+SEMIDIRECT_DUAL = LiePoisson(
+    SEMIDIRECT,
+    (("pi . Gamma", lambda mu: ca.dot(mu[:3], mu[3:])), ("|Gamma|^2", lambda mu: ca.dot(mu[3:], mu[3:]))),
+)
 """(so(3) x R^3)*, semidirect: the heavy top's (pi, Gamma), with its two Casimirs (chapter 4.17)."""

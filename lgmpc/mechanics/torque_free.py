@@ -246,11 +246,6 @@ class Poinsot:
         points: Array = np.einsum("nij,nj->ni", self.top.rotations(times), self.polhode(times))
         return points
 
-    def momenta(self, times: Array) -> Array:
-        """Return (n, 3) body angular momenta, on the momentum sphere, N.m.s."""
-        momenta: Array = self.top.velocities(times) @ self.top.inertia
-        return momenta
-
     @property
     def radii(self) -> tuple[float, float]:
         """Smallest and largest distance of the herpolhode from the foot of the plane's normal.

@@ -20,9 +20,16 @@ from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import FreeDurations, FreePhase, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, Footsteps
-from lgmpc.problems.legged import check_legged, reference_states, resting_guess
+from lgmpc.problems.legged import (
+    SPEED_USED,
+    LeggedScale,
+    carrying_efforts,
+    check_legged,
+    legged_problem,
+    reference_states,
+    resting_guess,
+)
 from lgmpc.problems.legged_figures import LeggedFigures
-from lgmpc.problems.legged_problem import SPEED_USED, LeggedScale, carrying_efforts, legged_problem
 from lgmpc.problems.legged_settings import JumpWeights, LeggedSettings
 from lgmpc.problems.motion import com_positions, contact_positions
 from lgmpc.problems.scenario import ProblemSettings, Scenario

@@ -1,26 +1,61 @@
-"""Full-body problems of gaits and jumps, defined by a sequence of contacts and a motion of the base."""
+"""Full-body problems of gaits and jumps, defined by a sequence of contacts and a motion of the base.
+
+Every interval has the same action, contact forward dynamics whose flags are parameters, and every touchdown is an
+impact after which no foot on the ground moves. The impact's costs penalise the distance of feet from their footholds
+and their speed, so that impulses are small.
+
+On the ground, contacts have the damping 1 / h and the stiffness 1 / (4 h^2), h being the interval's length, unless the
+settings give others. With the damping alone a foot would be at rest at the end of each interval up to the order h^2 of
+the integrator, and creep by the sum of these errors; the stiffness halves the error with each interval. (With 1 / h^2
+the position at the end, ``p + h (v + h a)``, would be held exactly, but forces would jump from interval to interval.)
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.actions import ContactForwardDynamics, ImpulseAction, MultibodyAction
+from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
+from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, FrictionCone, StateError
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
-from lgmpc.ocp import Trajectory
+from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
 from lgmpc.problems.legged_figures import LeggedFigures
-from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts, legged_problem
-from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings
-from lgmpc.problems.motion import contact_positions
+from lgmpc.problems.legged_settings import (
+    GaitSettings,
+    JumpSettings,
+    LeggedSettings,
+    LeggedWeights,
+    gains_of_contacts,
+)
+from lgmpc.problems.motion import carry, contact_positions
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = ["build_gait", "build_jump", "build_legged", "check_legged", "reference_states", "resting_guess"]
+__all__ = [
+    "SPEED_USED",
+    "LeggedScale",
+    "build_gait",
+    "build_jump",
+    "build_legged",
+    "carrying_efforts",
+    "check_legged",
+    "legged_problem",
+    "reference_states",
+    "resting_guess",
+]
+
+_FACETS = 8
+SPEED_USED = 0.95
+"""Fraction of the joints' speed limits at which their barriers begin."""
 
 
 @typed
@@ -138,3 +173,177 @@ def _waypoints(gait: GaitSequence, steps: Footsteps) -> tuple[Waypoint, ...]:
         for i, swing in enumerate(swings)
     ]
     return tuple(sorted(marks, key=lambda mark: mark.time))
+
+
+@dataclass(frozen=True)
+class LeggedScale:
+    """A robot's mass, leg length and gravity, and the units that follow from them.
+
+    Dynamically similar robots have equal Froude numbers, and equal motions in these units (Alexander,
+    "The gaits of bipedal and quadrupedal animals", Int. J. Robot. Res. 3, 1984).
+
+    Attributes:
+        mass: kg.
+        length: height of the base above the feet in the reference posture, m.
+        gravity: m/s2.
+    """
+
+    mass: float
+    length: float
+    gravity: float
+
+    @classmethod
+    def of(cls, robot: Robot) -> LeggedScale:
+        """Return the scale of a robot."""
+        model, data = robot.model, robot.create_data()
+        pin.framesForwardKinematics(model, data, robot.q_reference)
+        feet = np.mean([data.oMf[i].translation[2] for i in robot.contact_ids])
+        return cls(robot.mass, float(robot.q_reference[2] - feet), float(np.linalg.norm(robot.gravity)))
+
+    @property
+    def force(self) -> float:
+        """The weight, N."""
+        return self.mass * self.gravity
+
+    @property
+    def torque(self) -> float:
+        """The weight times the length, N.m."""
+        return self.force * self.length
+
+    @property
+    def time(self) -> float:
+        """``sqrt(length / gravity)``, s."""
+        return math.sqrt(self.length / self.gravity)
+
+    @property
+    def speed(self) -> float:
+        """``sqrt(length gravity)``, m/s."""
+        return self.length / self.time
+
+    @property
+    def impulse(self) -> float:
+        """The mass times the speed, N.s."""
+        return self.mass * self.speed
+
+
+def legged_problem(
+    robot: Robot,
+    grid: GaitGrid,
+    reference: Array,
+    places: Array,
+    settings: LeggedSettings,
+    more: Sequence[CostItem] = (),
+) -> ShootingProblem:
+    """Return the problem.
+
+    Args:
+        robot: with free base and contact frames; initially at rest in its reference posture.
+        grid: the intervals (N).
+        reference: (N+1, nx) reference states.
+        places: (N+1, nc, 3) reference positions of the feet, world, m.
+        settings: weights, friction and grid.
+        more: further costs of the motion.
+    """
+    scale, w = LeggedScale.of(robot), settings.weights
+    dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
+    deviation = StateError(dynamics.state, robot.x_reference)
+    rate, state = 1.0 / scale.time, _state_weights(robot, scale, w)
+    friction = settings.friction * (1.0 - settings.friction_margin)
+    move = MultibodyAction(
+        "legged_move",
+        dynamics,
+        [
+            CostItem("posture", deviation, rate * state),
+            CostItem("limits", deviation, rate * w.limits * _beyond(robot, scale), QuadraticBarrier(*_range(robot))),
+            CostItem("effort", Control(robot.nu), rate * w.effort / scale.torque**2),
+            *_cones(robot, friction, rate * w.friction / scale.force**2),
+            *_feet(robot, rate * w.swing / scale.length**2),
+            *more,
+        ],
+        [ConstraintItem("torque", Control(robot.nu), -robot.effort_limit, robot.effort_limit)],
+    )
+    stop = np.repeat([w.touchdown / scale.speed**2, 0.0], 3)
+    impact = ImpulseAction(
+        "legged_impact",
+        robot.model,
+        robot.contact_frames,
+        [
+            *_cones(robot, friction, w.friction / scale.impulse**2),
+            *_feet(robot, w.foothold / scale.length**2),
+            *(
+                CostItem(f"speed_{i}", FrameVelocity(foot, pin.LOCAL_WORLD_ALIGNED), stop)
+                for i, foot in enumerate(robot.contact_frames)
+            ),
+        ],
+    )
+    problem = ShootingProblem([impact if hit else move for hit in grid.impacts], terminal=move)
+    problem.set_initial_state(robot.x_reference)
+    moving, last = np.flatnonzero(~grid.impacts).tolist(), problem.nodes
+
+    h = grid.durations[moving]
+    problem.set("duration", h[:, None], moving)
+    gains = gains_of_contacts(robot, settings.contact_gains, np.column_stack([0.25 / h**2, 1.0 / h]))
+    problem.set("contact_gains", gains, moving)
+    problem.set("contact_flags", grid.flags.astype(np.float64), range(last))
+    problem.set("contact_points", places[moving].reshape(len(moving), -1), moving)
+    problem.set("posture_reference", reference[[*moving, last]], [*moving, last])
+    problem.set("posture_weight", w.terminal * state, [last])
+    problem.set("effort_reference", carrying_efforts(robot, grid)[moving], moving)
+    pressed = np.zeros(_FACETS + 1)
+    pressed[-1] = settings.least_force * scale.force
+    for i in range(robot.nc):
+        problem.set(f"foot_{i}_reference", places[:, i])
+        problem.set(f"cone_{i}_lower", np.outer(grid.flags[moving, i], pressed), moving)
+        problem.set(f"foot_{i}_weight", 0.0, [*np.flatnonzero(grid.flags[:, i] & ~grid.impacts).tolist(), last])
+        others = np.flatnonzero(grid.impacts & ~grid.touchdowns[:, i]).tolist()
+        for item in ("foot", "speed"):
+            problem.set(f"{item}_{i}_weight", 0.0, others)
+    return problem
+
+
+def carrying_efforts(robot: Robot, grid: GaitGrid) -> Array:
+    """Return (N, nu) the torques that balance the reference posture on the feet on the ground, in least squares.
+
+    Zero in flight and at impacts.
+    """
+    known: dict[bytes, Array] = {}
+    for flags in grid.flags:
+        if flags.tobytes() not in known:
+            _, known[flags.tobytes()] = carry(robot, flags)
+    efforts = np.array([known[flags.tobytes()] for flags in grid.flags])
+    efforts[grid.impacts] = 0.0
+    return efforts
+
+
+def _cones(robot: Robot, friction: float, weight: float) -> list[CostItem]:
+    inside = QuadraticBarrier(0.0, np.inf)
+    return [
+        CostItem(f"cone_{i}", FrictionCone(foot, _FACETS, friction), weight, inside)
+        for i, foot in enumerate(robot.contact_frames)
+    ]
+
+
+def _feet(robot: Robot, weight: float) -> list[CostItem]:
+    return [CostItem(f"foot_{i}", FrameTranslation(foot), weight) for i, foot in enumerate(robot.contact_frames)]
+
+
+def _state_weights(robot: Robot, scale: LeggedScale, w: LeggedWeights) -> Array:
+    """Return (ndx,) weights of base position, rotation, joints, and of their velocities."""
+    length, speed, turn = scale.length**-2, scale.speed**-2, scale.time**2
+    weights = (w.position * length, w.height * length, w.rotation, w.joints)
+    rates = (w.velocity * speed, w.velocity * turn, w.joint_velocity * turn)
+    return np.repeat([*weights, *rates], [2, 1, 3, robot.nu, 3, 3, robot.nu])
+
+
+def _beyond(robot: Robot, scale: LeggedScale) -> Array:
+    """Return (ndx,) inverse squared units of joint positions and speeds beyond their limits; zero for the base."""
+    return np.repeat([0.0, 1.0, 0.0, scale.time**2], [6, robot.nu, 6, robot.nu])
+
+
+def _range(robot: Robot) -> tuple[Array, Array]:
+    """Return (ndx,) the smallest and the largest deviation from the reference posture at rest."""
+    free, speed = np.full(6, np.inf), SPEED_USED * robot.velocity_limit
+    middle = robot.q_reference[robot.joint_q]
+    lower = np.concatenate([-free, robot.joint_lower - middle, -free, -speed])
+    upper = np.concatenate([free, robot.joint_upper - middle, free, speed])
+    return lower, upper

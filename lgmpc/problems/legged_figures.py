@@ -12,7 +12,6 @@ from lgmpc.lie import so3
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
 from lgmpc.problems.footsteps import BaseMotion, Footsteps
-from lgmpc.problems.free_flight import spins
 from lgmpc.problems.motion import (
     com_positions,
     com_speed,
@@ -20,6 +19,7 @@ from lgmpc.problems.motion import (
     friction_use,
     joint_limit_violation,
     reactions,
+    spins,
 )
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray

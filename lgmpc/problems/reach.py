@@ -22,8 +22,9 @@ from lgmpc.problems.motion import frame_placements
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
+from lgmpc.typing import Array
 
-__all__ = ["ReachSettings", "ReachWeights", "build_reach"]
+__all__ = ["ReachSettings", "ReachWeights", "TargetSettings", "build_reach"]
 
 
 class ReachWeights(Settings):
@@ -40,11 +41,10 @@ class ReachWeights(Settings):
     )
 
 
-class ReachSettings(ProblemSettings):
-    """A robot with a fixed base moves a frame from its place in the reference posture to a target."""
+class TargetSettings(ProblemSettings):
+    """A frame of a robot and where it has to be at the end."""
 
-    kind: Literal["reach"] = Field(default="reach", description="A frame reaches a target.")
-    frame: str = Field(min_length=1, description="Name of the frame.")
+    frame: str = Field(min_length=1, description="Name of the frame, such as a hand's.")
     position_m: Vector3 = Field(description="[x, y, z] of its origin at the end, world axes, m.")
     rpy_deg: Vector3 | None = Field(
         default=None,
@@ -52,6 +52,41 @@ class ReachSettings(ProblemSettings):
         "null: any rotation.",
     )
     clearances: tuple[Clearance, ...] = Field(default=(), description="Pairs of shapes that keep a distance.")
+
+    @property
+    def target(self) -> pin.SE3:
+        """The placement at the end; without rotation if any is allowed."""
+        turned = np.eye(3) if self.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(self.rpy_deg))
+        return pin.SE3(turned, np.array(self.position_m))
+
+    def costs(self, name: str, position: float, rotation: float) -> list[CostItem]:
+        """Return the costs of the frame's position and, if one is given, its rotation (``<name>_rotation``)."""
+        found = [CostItem(name, FrameTranslation(self.frame, self.target.translation), position)]
+        if self.rpy_deg is not None:
+            quaternion = pin.Quaternion(self.target.rotation).coeffs()
+            found.append(CostItem(f"{name}_rotation", FrameRotation(self.frame, quaternion), rotation))
+        return found
+
+    def figures(self, robot: Robot, xs: Array) -> dict[str, float]:
+        """Return the errors at the end of states (n, nx), and the least distance of the pairs of shapes."""
+        end, target = frame_placements(robot, self.frame, xs[-1:])[0], self.target
+        found = {"position_error_m": float(np.linalg.norm(end.translation - target.translation))}
+        if self.rpy_deg is not None:
+            found["rotation_error_deg"] = math.degrees(attitude.angle_between(target.rotation, end.rotation))
+        if self.clearances:
+            found["clearance_m"] = least_clearance(robot, self.clearances, xs)
+        return found
+
+    def waypoint(self, time: float) -> Waypoint:
+        """Return the target at a time, s, for the replay."""
+        rotation = None if self.rpy_deg is None else self.target.rotation
+        return Waypoint(self.frame, time, self.target.translation, rotation)
+
+
+class ReachSettings(TargetSettings):
+    """A robot with a fixed base moves a frame from its place in the reference posture to a target."""
+
+    kind: Literal["reach"] = Field(default="reach", description="A frame reaches a target.")
     nodes: Count = Field(default=100, description="Number of intervals.")
     node_s: Interval = Field(default=0.01, description="Length of each interval, s.")
     weights: ReachWeights = Field(default=ReachWeights(), description="Weights of the cost.")
@@ -73,9 +108,6 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     if robot.floating_base:
         raise InputError("robot", f"{robot.name}, whose base is free", "a robot with a fixed base")
     robot.frame(s.frame)  # raises if there is none
-    target = pin.SE3(
-        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position_m)
-    )
     dynamics = FreeForwardDynamics(robot.model)
     state = dynamics.state
     barrier = QuadraticBarrier(state.lower, state.upper)
@@ -87,14 +119,9 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     ]
     bounds = ConstraintItem("effort_limit", Control(nu), -robot.effort_limit, robot.effort_limit)
     soft, hard = clearance_items(robot, s.clearances)
-    ending = [
-        CostItem("position", FrameTranslation(s.frame, target.translation), w.position),
-        CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], nu)),
-        limits,
-    ]
-    if s.rpy_deg is not None:
-        quaternion = pin.Quaternion(target.rotation).coeffs()
-        ending.append(CostItem("rotation", FrameRotation(s.frame, quaternion), w.rotation))
+    rest = CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], nu))
+    position, *rotation = s.costs("position", w.position, w.rotation)
+    ending = [position, rest, limits, *rotation]
     problem = ShootingProblem(
         MultibodyAction("reach", dynamics, running + soft, [bounds, *hard]),
         s.nodes,
@@ -104,23 +131,15 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     problem.set_initial_state(robot.x_reference)
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
-        end = frame_placements(robot, s.frame, trajectory.xs[-1:])[0]
         from_neutral = state.diff(np.tile(state.neutral(), (len(trajectory.xs), 1)), trajectory.xs)
         beyond = np.maximum(np.maximum(state.lower - from_neutral, from_neutral - state.upper), 0.0).max(axis=0)
-        off = math.degrees(attitude.angle_between(target.rotation, end.rotation))
-        turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
-        apart = {"clearance_m": least_clearance(robot, s.clearances, trajectory.xs)} if s.clearances else {}
         return {
-            "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
-            **turned,
-            **apart,
+            **s.figures(robot, trajectory.xs),
             "final_joint_velocity_rad_s": float(np.abs(trajectory.xs[-1, robot.nq :]).max()),
             "joint_limit_violation_rad": float(beyond[: robot.nv].max()),
             "joint_velocity_violation_rad_s": float(beyond[robot.nv :].max()),
         }
 
-    duration = s.nodes * s.node_s
-    rotation = None if s.rpy_deg is None else target.rotation
     return Scenario(
         name="reach",
         robot=robot,
@@ -130,5 +149,5 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
         guess=problem.hold(),
         durations=np.full(s.nodes, s.node_s),
         figures=figures,
-        waypoints=(Waypoint(s.frame, duration, target.translation, rotation),),
+        waypoints=(s.waypoint(s.nodes * s.node_s),),
     )

@@ -3,7 +3,7 @@
 This is the falling cat's problem: without external forces the robot rotates only by closed paths of its joints
 (:mod:`lgmpc.problems.leg_strokes`). An integrator's error in the angular momentum could cause a rotation of the same
 size. The problem therefore uses the variational integrator, which conserves the momentum, and its figures are those of
-an independent simulation (:mod:`lgmpc.problems.free_flight`).
+an independent simulation (:mod:`lgmpc.problems.motion`).
 """
 
 from __future__ import annotations
@@ -23,9 +23,15 @@ from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.free_flight import refly, spins, trunk_clearance, trunk_spins
 from lgmpc.problems.leg_strokes import LegStrokes, falling_motion
-from lgmpc.problems.motion import com_positions, joint_limit_violation
+from lgmpc.problems.motion import (
+    com_positions,
+    joint_limit_violation,
+    refly,
+    spins,
+    trunk_clearance,
+    trunk_spins,
+)
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
@@ -101,9 +107,9 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
     Figures, of the plan: ``final_tilt_deg`` and ``final_rotation_deg``, of the base from upright and from the goal's
     attitude; ``planned_spin_nms``, largest angular momentum about the centre of mass at the nodes, which is an error of
     the integrator's order; ``joint_range_violation_rad`` and ``joint_speed_ratio``; ``trunk_clearance_m`` (see
-    :func:`lgmpc.problems.free_flight.trunk_clearance`) and ``leg_clearance_m`` (see
+    :func:`lgmpc.problems.motion.trunk_clearance`) and ``leg_clearance_m`` (see
     :func:`lgmpc.robot.leg_clearances`), the smallest; ``flight_height_m``, from the lowest to the highest position of
-    the centre of mass. Of the independent simulation (see :func:`lgmpc.problems.free_flight.refly`):
+    the centre of mass. Of the independent simulation (see :func:`lgmpc.problems.motion.refly`):
     ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the change of the angular momentum; for
     comparison the plan's largest ``trunk_spin_nms``; ``path_error_rad``, of the joints; and ``landing_rate_rad_s``, of
     the base's rotation at the end.

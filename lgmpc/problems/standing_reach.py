@@ -5,7 +5,6 @@ Friction, centres of pressure and limits are hard constraints, which fddp and bo
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -19,18 +18,15 @@ from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
 from lgmpc.costs.library import (
     CenterOfPressure,
     Control,
-    FrameRotation,
-    FrameTranslation,
     FrictionCone,
     JointAcceleration,
     JointPosition,
     StateError,
 )
 from lgmpc.errors import InputError
-from lgmpc.lie import attitude
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.clearances import Clearance, clearance_items, least_clearance
+from lgmpc.problems.clearances import clearance_items
 from lgmpc.problems.legged_settings import ContactGains, gains_of_contacts
 from lgmpc.problems.motion import (
     carry,
@@ -41,9 +37,10 @@ from lgmpc.problems.motion import (
     joint_limit_violation,
     reactions,
 )
-from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
+from lgmpc.problems.reach import TargetSettings
+from lgmpc.problems.scenario import Scenario
 from lgmpc.robot import Robot
-from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, Vector3, problem
+from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, problem
 from lgmpc.typing import Array
 
 __all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
@@ -68,7 +65,7 @@ class StandingReachWeights(Settings):
     effort: Positive = Field(default=0.1, description="Squared torques, as fractions of their limits.")
 
 
-class StandingReachSettings(ProblemSettings):
+class StandingReachSettings(TargetSettings):
     """A robot stands on soles at its contact frames and moves a hand from its reference posture to a target.
 
     Limits of joints and efforts, friction cones, and soles around the centres of pressure are hard constraints, which
@@ -78,13 +75,6 @@ class StandingReachSettings(ProblemSettings):
     kind: Literal["standing_reach"] = Field(
         default="standing_reach", description="A hand of a standing robot reaches a target."
     )
-    frame: str = Field(min_length=1, description="Name of the hand's frame.")
-    position_m: Vector3 = Field(description="[x, y, z] of its origin at the end, world axes, m.")
-    rpy_deg: Vector3 | None = Field(
-        default=None,
-        description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
-        "null: any rotation.",
-    )
     sole_half_size_m: tuple[Positive, Positive] = Field(
         default=(0.1, 0.065), description="Half length and half width of the soles, centred at the contact frames, m."
     )
@@ -93,7 +83,6 @@ class StandingReachSettings(ProblemSettings):
     )
     friction: Friction = Field(default=0.5, description="Friction coefficient of the contact forces' cones.")
     contact_gains: ContactGains = {}
-    clearances: tuple[Clearance, ...] = Field(default=(), description="Pairs of shapes that keep a distance.")
     nodes: Count = Field(default=30, description="Number of intervals.")
     node_s: Interval = Field(default=0.05, description="Length of each interval, s.")
     weights: StandingReachWeights = Field(default=StandingReachWeights(), description="Weights of the cost.")
@@ -144,12 +133,9 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     """
     s = settings
     _check(robot, s)
-    target = pin.SE3(
-        np.eye(3) if s.rpy_deg is None else pin.rpy.rpyToMatrix(*np.radians(s.rpy_deg)), np.array(s.position_m)
-    )
     stance = [frame_placements(robot, frame, robot.x_reference[None])[0] for frame in robot.contact_frames]
     corners = np.concatenate([sole_corners(sole, s.sole_half_size_m) for sole in stance])
-    problem = _problem(robot, s, target, stance)
+    problem = _problem(robot, s, stance)
     durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)
     _, effort = carry(robot, flags[0], 6)
     bounded = np.clip(effort, -robot.effort_limit, robot.effort_limit)
@@ -160,7 +146,6 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs = trajectory.xs
-        end = frame_placements(robot, s.frame, xs[-1:])[0]
         feet = [frame_placements(robot, frame, xs) for frame in robot.contact_frames]
         moved = [stood.actInv(foot) for stood, foots in zip(stance, feet, strict=True) for foot in foots]
         forces = wrenches(trajectory)
@@ -168,13 +153,8 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         total = forces.sum(axis=1)
         total[:, 3:] += np.cross(ground[None], forces[..., :3]).sum(axis=1)
         pressure = np.array([[center_of_pressure(f) for f in node] for node in in_axes_of(stance, forces)])
-        off = math.degrees(attitude.angle_between(target.rotation, end.rotation))
-        turned = {} if s.rpy_deg is None else {"rotation_error_deg": off}
-        apart = {"clearance_m": least_clearance(robot, s.clearances, xs)} if s.clearances else {}
         return {
-            "position_error_m": float(np.linalg.norm(end.translation - target.translation)),
-            **turned,
-            **apart,
+            **s.figures(robot, xs),
             "final_speed_m_s": com_speed(robot, xs[-1]),
             "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
             "com_margin_m": margin_inside(corners, com_positions(robot, xs)),
@@ -186,7 +166,6 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
             "joint_limit_violation_rad": joint_limit_violation(robot, xs),
         }
 
-    rotation = None if s.rpy_deg is None else target.rotation
     return Scenario(
         name="standing_reach",
         robot=robot,
@@ -196,7 +175,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         figures=figures,
         contact_flags=flags,
         contact_forces=lambda trajectory: wrenches(trajectory)[..., :3],
-        waypoints=(Waypoint(s.frame, s.nodes * s.node_s, target.translation, rotation),),
+        waypoints=(s.waypoint(s.nodes * s.node_s),),
         friction=s.friction,
     )
 
@@ -209,7 +188,7 @@ def _check(robot: Robot, s: StandingReachSettings) -> None:
     robot.frame(s.frame)
 
 
-def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: list[pin.SE3]) -> ShootingProblem:
+def _problem(robot: Robot, s: StandingReachSettings, stance: list[pin.SE3]) -> ShootingProblem:
     w, nu = s.weights, robot.nu
     dynamics = ContactForwardDynamics(robot.model, [Contact(frame, 6) for frame in robot.contact_frames])
     state, (length, width) = dynamics.state, s.sole_half_size_m
@@ -237,13 +216,9 @@ def _problem(robot: Robot, s: StandingReachSettings, target: pin.SE3, stance: li
         pressure = Scaled(CenterOfPressure(frame, reduced), weight * length)
         constraints.append(ConstraintItem(f"cone_{k}", cone, 0.0, np.inf))
         constraints.append(ConstraintItem(f"pressure_{k}", pressure, 0.0, np.inf))
-    ending = [
-        CostItem("hand", FrameTranslation(s.frame, target.translation), w.position),
-        CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], robot.nv)),
-    ]
-    if s.rpy_deg is not None:
-        quaternion = pin.Quaternion(target.rotation).coeffs()
-        ending.append(CostItem("hand_rotation", FrameRotation(s.frame, quaternion), w.rotation))
+    rest = CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], robot.nv))
+    hand, *rotation = s.costs("hand", w.position, w.rotation)
+    ending = [hand, rest, *rotation]
     soft, hard = clearance_items(robot, s.clearances)
     action = MultibodyAction("standing_reach", dynamics, running + soft, constraints + hard)
     problem = ShootingProblem(action, s.nodes, MultibodyAction("standing_reach_end", dynamics, ending))

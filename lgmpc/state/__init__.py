@@ -5,11 +5,9 @@ injectivity radius (rotations below half a turn); ``Jintegrate -> (d/dx, d/ddx)`
 between tangent spaces in body axes. ``integrate_symbolic`` and ``diff_symbolic`` act on CasADi expressions.
 """
 
-from lgmpc.state.base import State
+from lgmpc.state.base import ProductState, State, StateVector
 from lgmpc.state.configuration import difference_symbolic, integrate_configuration_symbolic
 from lgmpc.state.multibody import StateMultibody
-from lgmpc.state.product import ProductState
-from lgmpc.state.vector import StateVector
 
 __all__ = [
     "ProductState",

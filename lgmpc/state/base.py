@@ -1,16 +1,18 @@
-"""The contract of a state space: a manifold of points ``x`` (nx,) with tangent vectors ``dx`` (ndx,)."""
+"""State spaces, manifolds of points ``x`` (nx,) with tangent vectors ``dx`` (ndx,): contract, vectors, products."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from numbers import Integral
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import InputError
 
-__all__ = ["Array", "State"]
+__all__ = ["Array", "ProductState", "State", "StateVector"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +47,7 @@ class State(ABC):
 
     @abstractmethod
     def neutral(self) -> Array:
-        """Return the origin (nx,), about which limits and random bounds are stated."""
+        """Return the origin (nx,), about which limits are stated."""
 
     @abstractmethod
     def integrate(self, x: Array, dx: Array) -> Array:
@@ -85,23 +87,6 @@ class State(ABC):
     def diff_symbolic(self, x0: Any, x1: Any) -> Any:
         """Return ``x1 (-) x0`` as a CasADi column (SX, MX or DM); its derivatives at ``x0 = x1`` are exact."""
 
-    def random(self, rng: np.random.Generator, bounds: tuple[Array, Array] | None = None) -> Array:
-        """Return a random point ``x`` (nx,) with ``lower <= diff(neutral(), x) <= upper``.
-
-        Args:
-            rng: random number generator.
-            bounds: lower and upper (ndx,) in the tangent space at ``neutral()``; the state's own limits if omitted.
-
-        Raises:
-            InputError: bounds of the wrong shape, crossed, or infinite where the space is unbounded.
-        """
-        if not isinstance(rng, np.random.Generator):
-            raise InputError("rng", f"{rng!r:.80}", "a numpy.random.Generator")
-        if bounds is not None and not (isinstance(bounds, (tuple, list)) and len(bounds) == 2):
-            raise InputError("bounds", f"{bounds!r:.80}", f"two arrays ({self.ndx},)")
-        lower, upper = (self.lower, self.upper) if bounds is None else _frozen_bounds(self.ndx, *bounds)
-        return self.integrate(self.neutral(), self._sample(rng, lower, upper))
-
     def check(self, x: object, argument: str = "x") -> Array:
         """Return ``x`` as a float64 array after full validation.
 
@@ -118,13 +103,6 @@ class State(ABC):
         """
         return _real(argument, dx, self.ndx)
 
-    def _sample(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
-        """Return a tangent vector at ``neutral()`` within bounds."""
-        open_ended = np.flatnonzero(~np.isfinite(lower) | ~np.isfinite(upper))
-        if open_ended.size:
-            raise InputError("bounds", f"infinite at indices {open_ended.tolist()}", "finite bounds to sample within")
-        return rng.uniform(lower, upper)
-
     def _check_shapes(self, x: Array, other: Array, size: int, names: tuple[str, str]) -> None:
         for name, given in zip(names, (x, other), strict=True):
             if not isinstance(given, np.ndarray):
@@ -133,6 +111,150 @@ class State(ABC):
             raise InputError(names[0], f"shape {x.shape}", f"shape (..., {self.nx})")
         if other.shape[-1:] != (size,) or other.shape[:-1] != x.shape[:-1]:
             raise InputError(names[1], f"shape {other.shape}", f"shape {(*x.shape[:-1], size)}")
+
+
+class StateVector(State):
+    """R^n: addition and subtraction.
+
+    Args:
+        n: dimension.
+        lower: (n,) lower limits; none if omitted.
+        upper: (n,) upper limits; none if omitted.
+
+    Raises:
+        InputError: ``n`` below 1, or limits of the wrong shape, NaN, or crossed.
+    """
+
+    def __init__(self, n: int, lower: Array | None = None, upper: Array | None = None) -> None:
+        if not isinstance(n, Integral) or n < 1:
+            raise InputError("n", n, "a whole number of at least 1")
+        super().__init__(
+            int(n),
+            int(n),
+            np.full(n, -np.inf) if lower is None else lower,
+            np.full(n, np.inf) if upper is None else upper,
+        )
+
+    def neutral(self) -> Array:
+        """Return zeros."""
+        return np.zeros(self.nx)
+
+    def integrate(self, x: Array, dx: Array) -> Array:
+        """Return ``x + dx``."""
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        return x + dx
+
+    def diff(self, x0: Array, x1: Array) -> Array:
+        """Return ``x1 - x0``."""
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        return x1 - x0
+
+    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
+        """Return two identities."""
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        return self._eye(x), self._eye(x)
+
+    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """Return minus and plus the identity."""
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        return -self._eye(x0), self._eye(x0)
+
+    def integrate_symbolic(self, x: Any, dx: Any) -> Any:
+        """Return ``x + dx``."""
+        return x + dx
+
+    def diff_symbolic(self, x0: Any, x1: Any) -> Any:
+        """Return ``x1 - x0``."""
+        return x1 - x0
+
+    def _eye(self, x: Array) -> Array:
+        return np.tile(np.eye(self.ndx), (*x.shape[:-1], 1, 1))
+
+
+class ProductState(State):
+    """Product of states: points and tangents are concatenated in order, Jacobians are block-diagonal.
+
+    Args:
+        states: the factors, at least one; products are allowed.
+
+    Attributes:
+        states: the factors.
+        x_slices: each factor's entries of a point.
+        dx_slices: each factor's entries of a tangent vector.
+
+    Raises:
+        InputError: no factor.
+    """
+
+    def __init__(self, *states: State) -> None:
+        if not states or not all(isinstance(state, State) for state in states):
+            raise InputError("states", f"{states!r:.80}" if states else "none", "at least one State")
+        super().__init__(
+            sum(state.nx for state in states),
+            sum(state.ndx for state in states),
+            np.concatenate([state.lower for state in states]),
+            np.concatenate([state.upper for state in states]),
+        )
+        self.states = states
+        self.x_slices = _consecutive([state.nx for state in states])
+        self.dx_slices = _consecutive([state.ndx for state in states])
+
+    def neutral(self) -> Array:
+        """Return the factors' origins."""
+        return np.concatenate([state.neutral() for state in self.states])
+
+    def integrate(self, x: Array, dx: Array) -> Array:
+        """Return ``x (+) dx``, factor by factor."""
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
+        return np.concatenate([state.integrate(x[..., i], dx[..., j]) for state, i, j in factors], axis=-1)
+
+    def diff(self, x0: Array, x1: Array) -> Array:
+        """Return ``x1 (-) x0``, factor by factor."""
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        factors = zip(self.states, self.x_slices, strict=True)
+        return np.concatenate([state.diff(x0[..., i], x1[..., i]) for state, i in factors], axis=-1)
+
+    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
+        """Return the block-diagonal derivatives of ``integrate``."""
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
+        return self._assemble([state.Jintegrate(x[..., i], dx[..., j]) for state, i, j in factors])
+
+    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """Return the block-diagonal derivatives of ``diff``."""
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        factors = zip(self.states, self.x_slices, strict=True)
+        return self._assemble([state.Jdiff(x0[..., i], x1[..., i]) for state, i in factors])
+
+    def integrate_symbolic(self, x: Any, dx: Any) -> Any:
+        """Return ``x (+) dx``, factor by factor."""
+        factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
+        return ca.vertcat(*(state.integrate_symbolic(x[i], dx[j]) for state, i, j in factors))
+
+    def diff_symbolic(self, x0: Any, x1: Any) -> Any:
+        """Return ``x1 (-) x0``, factor by factor."""
+        factors = zip(self.states, self.x_slices, strict=True)
+        return ca.vertcat(*(state.diff_symbolic(x0[i], x1[i]) for state, i in factors))
+
+    def check(self, x: object, argument: str = "x") -> Array:
+        """Return ``x`` as a float64 array after every factor has checked its own part."""
+        array = super().check(x, argument)
+        for state, i in zip(self.states, self.x_slices, strict=True):
+            state.check(array[..., i], f"{argument}[{i.start}:{i.stop}]")
+        return array
+
+    def _assemble(self, blocks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+        shape = (*blocks[0][0].shape[:-2], self.ndx, self.ndx)
+        first, second = np.zeros(shape), np.zeros(shape)
+        for j, (a, b) in zip(self.dx_slices, blocks, strict=True):
+            first[..., j, j], second[..., j, j] = a, b
+        return first, second
+
+
+def _consecutive(sizes: list[int]) -> tuple[slice, ...]:
+    stops = np.cumsum(sizes).tolist()
+    return tuple(slice(stop - size, stop) for stop, size in zip(stops, sizes, strict=True))
 
 
 def _real(name: str, value: object, size: int) -> Array:

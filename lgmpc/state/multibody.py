@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import TOLERANCE
-from lgmpc.state import blocks
+from lgmpc.state import configuration as blocks
 from lgmpc.state.base import Array, State
 from lgmpc.state.configuration import (
     Block,
@@ -35,10 +35,10 @@ class StateMultibody(State):
     ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
     frame, linear first. ``dq`` is expressed in the body frame at its base point.
 
-    Batches and Jacobians are computed by :mod:`lgmpc.state.blocks`; single states by Pinocchio's ``integrate`` and
-    ``difference``, which are faster, except where these are less accurate (positions of free-flyers: errors of 1e-12 at
-    angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, where smaller steps can vanish) or depend on the
-    sign of a quaternion (at half a turn).
+    Batches and Jacobians are computed by :mod:`lgmpc.state.configuration`; single states by Pinocchio's ``integrate``
+    and ``difference``, which are faster, except where these are less accurate (positions of free-flyers: errors of
+    1e-12 at angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, where smaller steps can vanish) or depend on
+    the sign of a quaternion (at half a turn).
 
     Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and
     continuous joints; entries at the largest float), they are infinite.
@@ -183,52 +183,10 @@ class StateMultibody(State):
                 raise InputError(f"{argument}[{i.start}:{i.stop}]", f"{kind} of norm {worst:.9g}", "norm 1")
         return array
 
-    def random(self, rng: np.random.Generator, bounds: tuple[Array, Array] | None = None) -> Array:
-        """Return a random state ``x`` (nx,) with ``lower <= diff(neutral(), x) <= upper``.
-
-        Rotation vectors are drawn from the intersection of their box with the ball of radius pi (not uniformly over
-        SO(3)), angles of continuous joints from their interval within pi; infinite bounds mean the whole ball or
-        circle. All other entries require finite bounds.
-
-        Args:
-            rng: random number generator.
-            bounds: lower and upper (2 nv,) in the tangent space at ``neutral()``; the model's limits if omitted.
-
-        Raises:
-            InputError: bounds of the wrong shape, crossed, infinite for a translation, a joint or a velocity, or a box
-                of rotation vectors none of which is shorter than pi.
-        """
-        return super().random(rng, bounds)
-
-    def _sample(self, rng: np.random.Generator, lower: Array, upper: Array) -> Array:
-        lower, upper = lower.copy(), upper.copy()
-        turning = [block.v for block in self._circles] + [slice(b.v.stop - 3, b.v.stop) for b in self.curved]
-        for i in turning:
-            lower[i], upper[i] = np.maximum(lower[i], -np.pi), np.minimum(upper[i], np.pi)
-            nearest = np.clip(0.0, lower[i], upper[i])
-            if np.any(lower[i] > upper[i]) or np.linalg.norm(nearest) > np.pi:
-                raise InputError(
-                    "bounds", f"[{i.start}:{i.stop}] beyond half a turn", "rotation vectors shorter than pi"
-                )
-        dx = super()._sample(rng, lower, upper)
-        for i in turning:
-            _pull_into_ball(rng, dx[i], np.clip(0.0, lower[i], upper[i]))
-        return dx
-
     def _identity(self, x: Array) -> Array:
         if x.ndim == 1:
             return self._eye.copy()
         return np.tile(self._eye, (*x.shape[:-1], 1, 1))
-
-
-def _pull_into_ball(rng: np.random.Generator, phi: Array, inside: Array) -> None:
-    """Replace ``phi``, if it is longer than pi, by a random point within the ball on the line to ``inside``."""
-    if np.linalg.norm(phi) < np.pi:
-        return
-    step = phi - inside
-    square, along = step @ step, inside @ step
-    reach = (np.sqrt(along**2 + square * (np.pi**2 - inside @ inside)) - along) / square
-    phi[:] = inside + rng.uniform() * reach * step
 
 
 def _position_limits(model: pin.Model, blocks_: tuple[Block, ...]) -> tuple[Array, Array]:

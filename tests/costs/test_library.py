@@ -68,8 +68,7 @@ class Point:
 
 def random_point(rng: np.random.Generator) -> Point:
     state, robot = StateMultibody(solo().model), solo()
-    box = np.ones(state.ndx)
-    x = state.random(rng, (-box, box))
+    x = state.integrate(state.neutral(), rng.uniform(-1.0, 1.0, state.ndx))
     normal = rng.standard_normal
     return Point(x, normal(12), normal(robot.nv), normal(12), normal(3), normal(6))
 

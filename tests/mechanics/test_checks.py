@@ -25,7 +25,6 @@ TOP, SYSTEM = mechanics.LagrangeTop(2.0, 1.0, 1.0), mechanics.torque_free_body(I
         (TOP.sleeping_growth, "spin"),
         (TOP.fall, "spin"),
         (mechanics.extended_poses, "k"),
-        (mechanics.extended_poses_dual, "k"),
         (lambda bad: mechanics.terminal_speed(1.0, bad, 1.0), "linear"),
         (lambda bad: mechanics.speed_under_force(0.0, 1.0, 1.0, 1.0, bad), "quadratic"),
         (lambda bad: mechanics.spheroid_added_mass(bad, 0.2), "length"),

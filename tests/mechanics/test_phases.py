@@ -13,7 +13,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.lie.symbolic import so3 as symbolic
 from lgmpc.mechanics.connection import Connection, circle
-from lgmpc.mechanics.phases import Beanie, Cat, ThreeLink, flip
+from lgmpc.mechanics.phases import Cat, ThreeLink, flip
 
 CAT = Cat()
 SNAKE = ThreeLink([1.0, 1.5, 0.8], [0.5, 0.6, 0.4])
@@ -184,28 +184,11 @@ def test_the_links_hang_together_about_their_centre_of_mass() -> None:
     np.testing.assert_allclose(centers[:, 1] + along[:, 1], centers[:, 2] - along[:, 2], atol=1e-15)
 
 
-def test_elroys_beanie_turns_as_in_closed_form() -> None:
-    beanie = Beanie(2.0, 0.7)
-    connection = beanie.connection()
-    turned = connection.transport(lambda s: 2 * ca.pi * s + ca.sin(3 * s), 50)[-1]
-    assert turned == pytest.approx(beanie.geometric_phase(2 * np.pi + np.sin(3.0)), abs=1e-13)
-    assert np.abs(connection.curvature([0.4]).full()).max() == 0.0  # flat: only going around the circle counts
-
-    def rate(time: float, y: np.ndarray) -> np.ndarray:  # both bodies by Newton, a torque between them
-        torque = np.cos(y[2] - y[0]) - 0.3 * np.sin(5 * time)
-        return np.array([y[1], -torque / 2.0, y[3], torque / 0.7])
-
-    end = solve_ivp(rate, (0.0, 6.0), [0.0, 0.4, 0.0, 2.0], method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
-    predicted = beanie.dynamic_phase(2.0 * 0.4 + 0.7 * 2.0, 6.0) + beanie.geometric_phase(end[2] - end[0])
-    assert end[0] == pytest.approx(predicted, abs=1e-10)
-
-
 @pytest.mark.parametrize(
     ("call", "argument"),
     [
         (lambda: Cat(mass=-1.0), "mass"),
         (lambda: Cat(axial=0.1, transverse=0.01), "axial"),
-        (lambda: Beanie(1.0, np.nan), "second"),
         (lambda: ThreeLink([1.0, 1.0], [1.0, 1.0, 1.0]), "masses"),
         (lambda: ThreeLink([1.0, 1.0, 1.0], [1.0, 0.0, 1.0]), "lengths"),
         (lambda: Connection(CAT.energy, 2, 2), "dimension"),

@@ -46,7 +46,7 @@ def test_it_rolls_without_slipping() -> None:
 
 
 def test_polhode_is_the_intersection_of_two_quadrics_and_of_sphere_and_energy_ellipsoid() -> None:
-    polhode, momenta = CONSTRUCTION.polhode(TIMES), CONSTRUCTION.momenta(TIMES)
+    polhode, momenta = CONSTRUCTION.polhode(TIMES), TOP.velocities(TIMES) @ TOP.inertia
     squares = np.linalg.norm(polhode @ TOP.inertia, axis=1) ** 2
     np.testing.assert_allclose(squares, TOP.momentum**2 / (2 * TOP.energy), rtol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(momenta, axis=1), TOP.momentum, rtol=1e-12)

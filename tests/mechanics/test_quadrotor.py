@@ -125,30 +125,20 @@ def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
     assert np.all(np.abs(angles[-1]) < starts)
 
 
-def test_exactly_at_the_antipode_the_moment_vanishes_and_beside_it_the_error_grows() -> None:
-    """Half a turn is an equilibrium, unstable: a start beside it leaves at the rate of the linearisation."""
+def test_exactly_at_the_antipode_the_moment_vanishes() -> None:
+    """Half a turn is an equilibrium; ``lgmpc demo lee`` measures the rate at which a start beside it leaves."""
     flight = turn_only(QuadrotorState.at_rest(np.diag([1.0, -1.0, -1.0])), 0.2)
     psi, _ = attitude_error(flight.states.rotation, np.eye(3))
     assert np.all(psi == 2.0) and np.all(flight.moments == 0.0)
-
-    beside = turn_only(QuadrotorState.at_rest(so3.exp(np.array([np.pi - 1e-6, 0.0, 0.0]))), 1.5)
-    away = np.pi - np.abs(roll_pitch_yaw(beside.states.rotation)[:, 0])
-    inertia = QUADROTOR.inertia[0, 0]
-    rate = (np.sqrt(GAINS.rate**2 + 4.0 * inertia * GAINS.rotation) - GAINS.rate) / (2.0 * inertia)
-    window = slice(250, 750)  # after the decay of the fast mode, in the linear range of the sine
-    measured = np.polyfit(beside.times[window], np.log(away[window]), 1)[0]
-    assert measured == pytest.approx(rate, rel=1e-4)
 
 
 UNEVEN = GeometricGains([60.0, 80.0, 50.0], [20.0, 25.0, 30.0], [8.0, 3.0, 12.0], [2.5, 1.5, 3.0])
 
 
-@pytest.mark.parametrize(
-    "gains", [pytest.param(GAINS, id="alike", marks=pytest.mark.slow), pytest.param(UNEVEN, id="per axis")]
-)
-def test_the_lyapunov_function_never_rises(gains: GeometricGains) -> None:
+def test_the_lyapunov_function_never_rises() -> None:
     """``1/2 Omega^T J Omega + Psi`` has the derivative ``-Omega . k_Omega Omega``."""
     rotations = Rotation.random(50, random_state=4).as_matrix()
+    gains = UNEVEN
     flight = turn_only(QuadrotorState.at_rest(rotations), 1.0, gains=gains)
     psi, _ = attitude_error(flight.states.rotation, np.eye(3), gains.rotation)
     omega = flight.states.rate
@@ -211,27 +201,6 @@ def away(flight) -> np.ndarray:
     """Distance from the goal at the end; infinite for a vehicle that was lost."""
     distance = np.linalg.norm(flight.states.position[-1] - GOAL.point, axis=-1)
     return np.where(flight.lost, np.inf, distance)
-
-
-def tumbling(count: int, rate: float) -> QuadrotorState:
-    """Attitudes uniform on SO(3), rotating about uniformly random axes."""
-    rng = np.random.default_rng(0)
-    omega = rng.normal(size=(count, 3))
-    omega *= rate / np.linalg.norm(omega, axis=1, keepdims=True)
-    rotations = Rotation.random(count, random_state=2).as_matrix()
-    return QuadrotorState(np.tile(GOAL.point, (count, 1)), np.zeros((count, 3)), rotations, omega)
-
-
-@pytest.mark.slow
-def test_it_recovers_from_almost_every_tumble_and_euler_angles_lose_some() -> None:
-    start = tumbling(60, 20.0)
-    ours = fly(REAL, GeometricController(REAL, GOAL), start, 9.0, 4e-3)
-    theirs = fly(REAL, EulerAnglePid(REAL, GOAL), start, 9.0, 4e-3)
-    assert not ours.lost.any()
-    assert (away(ours) < 0.05).mean() >= 0.96
-    assert theirs.lost.sum() >= 4
-    # Vehicles that are not lost return.
-    assert (away(theirs)[~theirs.lost] < 0.1).mean() > 0.9
 
 
 @pytest.mark.parametrize("kind", [GeometricController, EulerAnglePid])

@@ -11,9 +11,15 @@ import pytest
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
 from lgmpc.ocp import Trajectory
-from lgmpc.problems.flight import FlightSettings, FlightWaypoint, build_flight
-from lgmpc.problems.multirotor import Multirotor, MultirotorSettings, flown
-from lgmpc.problems.recovery import RecoverySettings, build_recovery
+from lgmpc.problems.flight import (
+    FlightSettings,
+    FlightWaypoint,
+    FlightWeights,
+    Multirotor,
+    MultirotorSettings,
+    build_flight,
+    flown,
+)
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, FddpSettings, Solution, Status
 
@@ -35,12 +41,22 @@ LOOP = FlightSettings(
     ),
 )
 NONE = (0.0, 0.0, 0.0)
-TUMBLE = RecoverySettings(
-    rotors=ROTORS,
-    rotation_deg=(0.0, 150.0, 0.0),
-    angular_velocity_rad_s=(0.0, 8.0, 0.0),
-    goal_rotation_deg=(0.0, 360.0, 0.0),
-)
+
+
+def recovery(start: tuple[float, ...], rate: tuple[float, ...], goal: tuple[float, ...] = NONE) -> FlightSettings:
+    hover = FlightWaypoint(name="hover", time_s=2.5, position_m=(0.0, 0.0, 5.0), rotation_deg=goal)
+    return FlightSettings(
+        rotors=ROTORS,
+        start_m=(0.0, 0.0, 5.0),
+        start_rotation_deg=start,
+        start_rate_rad_s=rate,
+        waypoints=(hover,),
+        node_s=0.025,
+        weights=FlightWeights(approach=1.0, rest=1e3),
+    )
+
+
+TUMBLE = recovery((0.0, 150.0, 0.0), (0.0, 8.0, 0.0), (0.0, 360.0, 0.0))
 
 
 @lru_cache
@@ -57,7 +73,7 @@ def loop() -> tuple[Solution, dict[str, float]]:
 
 @lru_cache
 def tumble() -> tuple[Solution, dict[str, float]]:
-    scenario = build_recovery(iris(), TUMBLE)
+    scenario = build_flight(iris(), TUMBLE)
     solution = BoxFddp(scenario.problem).solve(scenario.guess)
     return solution, dict(scenario.figures(solution.trajectory))
 
@@ -128,7 +144,7 @@ def test_a_turned_world_gives_the_turned_solution() -> None:
     """The symmetry that gravity leaves: headings, moves, and the sign of quaternions change nothing else."""
     first, _ = tumble()
     yaw, shift = so3.exp(np.array([0.0, 0.0, 2.4])), np.array([3.0, -7.0, 1.0])
-    scenario = build_recovery(iris(), TUMBLE)
+    scenario = build_flight(iris(), TUMBLE)
     problem = scenario.problem
 
     def moved(x: np.ndarray) -> np.ndarray:
@@ -136,7 +152,7 @@ def test_a_turned_world_gives_the_turned_solution() -> None:
         return np.concatenate([yaw @ x[:3] + shift, -q.coeffs(), x[7:]])
 
     problem.set_initial_state(moved(problem.x0))
-    problem.set("position_reference", yaw @ np.array(TUMBLE.position_m) + shift)
+    problem.set("position_reference", yaw @ np.array(TUMBLE.start_m) + shift)
     problem.set("rotation_reference", -pin.Quaternion(yaw).coeffs())
     guess = Trajectory(np.array([moved(x) for x in scenario.guess.xs]), scenario.guess.us)
     other = BoxFddp(problem).solve(guess)
@@ -151,15 +167,12 @@ def test_a_turned_world_gives_the_turned_solution() -> None:
 @pytest.mark.slow
 def test_recovers_from_random_attitudes() -> None:
     rng = np.random.default_rng(5)
-    problem = build_recovery(iris(), RecoverySettings(rotors=ROTORS)).problem
+    problem = build_flight(iris(), recovery((0.0, 180.0, 0.0), NONE)).problem
     solver = BoxFddp(problem, FddpSettings(tolerance=1e-6))
     for _ in range(6):
         turn = rng.standard_normal(3)
         turn *= rng.uniform(60.0, 175.0) / np.linalg.norm(turn)
-        start = RecoverySettings(
-            rotors=ROTORS, rotation_deg=tuple(turn), angular_velocity_rad_s=tuple(rng.uniform(-4, 4, 3))
-        )
-        scenario = build_recovery(iris(), start)
+        scenario = build_flight(iris(), recovery(tuple(turn), tuple(rng.uniform(-4, 4, 3))))
         problem.set_initial_state(scenario.problem.x0)
         solution = solver.solve(scenario.guess, max_iterations=200)
         figures = scenario.figures(solution.trajectory)
@@ -171,19 +184,11 @@ def test_recovers_from_random_attitudes() -> None:
 @pytest.mark.slow
 def test_from_upside_down_at_rest_it_turns_in_the_sense_of_the_guess() -> None:
     """Without a guess that turns it is a saddle: no thrust is better than another, and a solver stays there."""
-    scenario = build_recovery(
-        iris(), TUMBLE.replace({"rotation_deg": (180.0, 0.0, 0.0), "angular_velocity_rad_s": NONE})
-    )
+    scenario = build_flight(iris(), recovery((180.0, 0.0, 0.0), NONE))
     solver = BoxFddp(scenario.problem)
     for sign in (1.0, -1.0):
-        towards = TUMBLE.replace(
-            {
-                "rotation_deg": (180.0 * sign, 0.0, 0.0),
-                "angular_velocity_rad_s": NONE,
-                "goal_rotation_deg": NONE,
-            }
-        )
-        solution = solver.solve(build_recovery(iris(), towards).guess, max_iterations=300)
+        towards = recovery((180.0 * sign, 0.0, 0.0), NONE)
+        solution = solver.solve(build_flight(iris(), towards).guess, max_iterations=300)
         assert solution.status is Status.CONVERGED
         assert np.degrees(attitude.tilt(so3.from_quaternion(solution.xs[-1][3:7]))) < 0.1
         assert np.sign(solution.xs[20, 10]) == -sign
@@ -221,4 +226,4 @@ def test_a_robot_with_joints_is_no_multirotor() -> None:
         RobotSpec(model="solo12", effort_limit_nm=1.8, velocity_limit_rad_s=30.0, position_limit_rad=(-3.0, 3.0))
     )
     with pytest.raises(InputError, match="robot: got solo12, 18 degrees of freedom; expected a single free body"):
-        build_recovery(solo, TUMBLE)
+        build_flight(solo, TUMBLE)

@@ -21,8 +21,7 @@ from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
 from lgmpc.ocp import Trajectory
 from lgmpc.problems import Scenario
 from lgmpc.problems.footsteps import BasePath
-from lgmpc.problems.legged import build_gait, build_jump, build_legged
-from lgmpc.problems.legged_problem import LeggedScale, carrying_efforts
+from lgmpc.problems.legged import LeggedScale, build_gait, build_jump, build_legged, carrying_efforts
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import BoxFddp, FddpSettings, LineSearchSqp, LineSearchSqpSettings, Solution, Status

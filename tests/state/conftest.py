@@ -77,7 +77,7 @@ def bounds(state: State) -> tuple[np.ndarray, np.ndarray]:
 def points(state: State) -> list[np.ndarray]:
     """A few random points of ``state``."""
     rng = np.random.default_rng(7)
-    return [state.random(rng, bounds(state)) for _ in range(4)]
+    return [state.integrate(state.neutral(), rng.uniform(*bounds(state))) for _ in range(4)]
 
 
 @pytest.fixture

@@ -110,7 +110,8 @@ def test_jdiff_undoes_jintegrate(state, points) -> None:
 
 def test_batches_equal_single_states(state) -> None:
     rng = np.random.default_rng(0)
-    x = np.stack([state.random(rng, finite_bounds(state)) for _ in range(6)]).reshape(2, 3, -1)
+    origins = np.tile(state.neutral(), (2, 3, 1))
+    x = state.integrate(origins, rng.uniform(*finite_bounds(state), size=(2, 3, state.ndx)))
     # Longer than half a turn, too, where the quaternion of a free-flyer must keep its hemisphere.
     dx = 3.0 * rng.normal(size=(2, 3, state.ndx))
     x1 = state.integrate(x, dx)
@@ -161,30 +162,6 @@ def test_casadi_derivatives_are_the_jacobians_at_zero_too(state, points, symbol)
             )
             for left, right in zip(got, expected, strict=True):
                 np.testing.assert_allclose(left.full(), right, atol=2e-13)
-
-
-def test_random_points_lie_within_bounds_and_repeat(state) -> None:
-    lower, upper = finite_bounds(state)
-    for seed in range(20):
-        x = state.random(np.random.default_rng(seed), (lower, upper))
-        state.check(x)
-        d = state.diff(state.neutral(), x)
-        assert np.all(d >= lower - 1e-12) and np.all(d <= upper + 1e-12)
-        assert np.array_equal(x, state.random(np.random.default_rng(seed), (lower, upper)))
-    assert not np.array_equal(x, state.random(np.random.default_rng(99), (lower, upper)))
-
-
-def test_random_bounds_are_validated(state) -> None:
-    rng = np.random.default_rng(0)
-    lower, upper = (np.array(bound) for bound in finite_bounds(state))
-    with pytest.raises(InputError, match="lower: .* expected .* numbers"):
-        state.random(rng, (lower[:-1], upper))
-    with pytest.raises(InputError, match="at index 1; expected at most the upper bound"):
-        state.random(rng, (np.r_[lower[0], 9.0, lower[2:]], upper))
-    with pytest.raises(InputError, match="bounds: got infinite at indices"):
-        state.random(rng, (np.r_[-np.inf, lower[1:]], upper))
-    with pytest.raises(InputError, match="none of them NaN"):
-        state.random(rng, (lower, np.full_like(upper, np.nan)))
 
 
 def test_limits_are_read_only(state) -> None:
@@ -239,10 +216,6 @@ def test_arguments_of_other_types_are_named(state: State, bad: object) -> None:
         for arguments in ((bad, second), (x, bad)):
             with pytest.raises(InputError, match="x|dx|x0|x1"):
                 function(*arguments)
-    with pytest.raises(InputError, match="rng: got"):
-        state.random(bad)
-    with pytest.raises(InputError, match="bounds: got"):
-        state.random(np.random.default_rng(0), bad if bad is not None else 1)
     for make, name in ((StateMultibody, "model"), (ProductState, "states")):
         with pytest.raises(InputError, match=name):
             make(bad)

@@ -257,36 +257,6 @@ def test_velocity_limits_of_a_urdf_are_symmetric() -> None:
     assert np.array_equal(state.upper, [2.0, 4.0])
 
 
-def test_random_fills_whole_groups_where_bounds_are_infinite(multibody) -> None:
-    lower, upper = multibody.lower.copy(), multibody.upper.copy()
-    for i in (slice(0, 3), slice(16, 19)):
-        lower[i], upper[i] = -1.0, 1.0
-    rng = np.random.default_rng(0)
-    samples = np.stack([multibody.random(rng, (lower, upper)) for _ in range(300)])
-    d = multibody.diff(np.tile(multibody.neutral(), (300, 1)), samples)
-    angles = np.linalg.norm(d[:, 3:6], axis=1)
-    assert angles.max() > 3.0 and angles.max() <= math.pi and angles.min() < 1.0
-    assert d[:, 7].min() < -2.9 and d[:, 7].max() > 2.9
-    assert np.all(np.abs(d[:, 6]) <= 2.0)
-
-
-def test_random_boxes_partly_outside_the_ball(multibody) -> None:
-    lower, upper = np.full(multibody.ndx, -1.0), np.full(multibody.ndx, 1.0)
-    lower[3:6], upper[3:6] = 1.7, 3.0  # its nearest corner is at 2.94, its farthest at 5.2
-    for seed in range(50):
-        x = multibody.random(np.random.default_rng(seed), (lower, upper))
-        d = multibody.diff(multibody.neutral(), x)
-        assert np.all(d >= lower - 1e-12) and np.all(d <= upper + 1e-12)
-    lower[3:6] = 2.0
-    with pytest.raises(InputError, match=r"\[3:6\] beyond half a turn"):
-        multibody.random(np.random.default_rng(0), (lower, upper))
-
-
-def test_random_needs_bounds_where_the_model_has_none(multibody) -> None:
-    with pytest.raises(InputError, match=r"infinite at indices \[0, 1, 2, 16, 17, 18\]"):
-        multibody.random(np.random.default_rng(0))
-
-
 def test_check_refuses_what_is_not_on_the_manifold(multibody) -> None:
     x = start(multibody, 0)
     multibody.check(np.stack([x, multibody.neutral()]))

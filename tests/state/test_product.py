@@ -45,13 +45,6 @@ def test_check_names_the_factor(ball) -> None:
         product.check(x)
 
 
-def test_infinite_rotation_bounds_pass_through_a_product(ball) -> None:
-    product = ProductState(StateVector(1, np.zeros(1), np.ones(1)), ball)
-    x = product.random(np.random.default_rng(0))  # the rotation of the spherical joint has no limits and requires none
-    assert 0.0 <= x[0] <= 1.0
-    product.check(x)
-
-
 def test_bad_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="states: got none"):
         ProductState()

@@ -12,7 +12,12 @@ from lgmpc.settings import LARGEST, Finite, Fraction, NonNegative, Problem, Sett
 
 __all__ = ["Gate", "SolveGate"]
 
-Number = Annotated[int, Field(strict=True, ge=0)]
+Bound, Share = NonNegative | None, Fraction | None
+Count = Annotated[int, Field(strict=True, ge=0)] | None
+
+
+def _limit(description: str, default: float | None = None) -> Any:
+    return Field(default=default, description=description)
 
 
 class Gate(Settings):
@@ -22,121 +27,80 @@ class Gate(Settings):
     default.
     """
 
-    steady_from_s: NonNegative = Field(
-        default=0.0, description="Time from which tracking errors and joint speeds are evaluated, s; not a limit."
+    steady_from_s: NonNegative = _limit(
+        "Time from which tracking errors and joint speeds are evaluated, s; not a limit.", 0.0
     )
-    max_tilt_deg: NonNegative | None = Field(default=20.0, description="Largest tilt of the base, degrees.")
-    max_displacement_m: NonNegative | None = Field(
-        default=None,
-        description="Largest distance of the base from its initial or, with commands, its commanded position, m.",
+    max_tilt_deg: Bound = _limit("Largest tilt of the base, degrees.", 20.0)
+    max_displacement_m: Bound = _limit(
+        "Largest distance of the base from its initial or, with commands, its commanded position, m."
     )
-    min_base_height_m: NonNegative | None = Field(default=None, description="Lowest height of the base, m.")
-    min_base_height_fraction: Fraction | None = Field(
-        default=0.7, description="Lowest height of the base as a fraction of its initial height, 0 to 1."
+    min_base_height_m: Bound = _limit("Lowest height of the base, m.")
+    min_base_height_fraction: Share = _limit(
+        "Lowest height of the base as a fraction of its initial height, 0 to 1.", 0.7
     )
-    max_final_position_error_m: NonNegative | None = Field(
-        default=None,
-        description="Distance of the base from its initial or, with commands, its commanded position at the end, m.",
+    max_final_position_error_m: Bound = _limit(
+        "Distance of the base from its initial or, with commands, its commanded position at the end, m."
     )
-    max_final_tilt_deg: NonNegative | None = Field(default=None, description="Tilt of the base at the end, degrees.")
-    max_final_rotation_deg: NonNegative | None = Field(
-        default=None,
-        description="Rotation of the base from its initial or, with commands, its commanded attitude at the end, yaw "
-        "included, degrees.",
+    max_final_tilt_deg: Bound = _limit("Tilt of the base at the end, degrees.")
+    max_final_rotation_deg: Bound = _limit(
+        "Rotation of the base from its initial or, with commands, its commanded attitude at the end, yaw "
+        "included, degrees."
     )
-    max_slip_m: NonNegative | None = Field(default=None, description="Largest slip of a foot in contact, m.")
-    max_foot_displacement_m: NonNegative | None = Field(
-        default=None, description="Largest distance of a foot from its initial position, m."
+    max_slip_m: Bound = _limit("Largest slip of a foot in contact, m.")
+    max_foot_displacement_m: Bound = _limit("Largest distance of a foot from its initial position, m.")
+    max_abs_torque_nm: Bound = _limit("Largest torque at any joint, N.m.")
+    max_torque_saturation_fraction: Share = _limit("Fraction of ticks with a joint at its torque limit, 0 to 1.", 0.1)
+    min_friction_margin_n: Finite | None = _limit(
+        "Smallest distance of a measured force from the friction cone's surface, N."
     )
-    max_abs_torque_nm: NonNegative | None = Field(default=None, description="Largest torque at any joint, N.m.")
-    max_torque_saturation_fraction: Fraction | None = Field(
-        default=0.1, description="Fraction of ticks with a joint at its torque limit, 0 to 1."
+    max_rms_joint_velocity_rad_s: Bound = _limit("RMS of the joint speeds from steady_from_s on, rad/s.")
+    max_com_rms_error_m: Bound = _limit("RMS distance of the centre of mass from its target from steady_from_s on, m.")
+    max_com_error_m: Bound = _limit("Largest distance of the centre of mass from its target from steady_from_s on, m.")
+    max_solver_failures: Count = _limit("MPC updates and whole-body ticks whose solver failed.", 0)
+    max_deadline_misses: Count = _limit(
+        "Ticks that took longer than their period, estimation and planning in them included."
     )
-    min_friction_margin_n: Finite | None = Field(
-        default=None, description="Smallest distance of a measured force from the friction cone's surface, N."
+    max_mpc_p50_ms: Bound = _limit("Median duration of an MPC update, ms.")
+    max_wbc_p50_ms: Bound = _limit("Median duration of a whole-body tick, ms.")
+    min_real_time_factor: Bound = _limit("Simulated over elapsed time.")
+    max_velocity_rmse_m_s: Bound = _limit("RMS error of the velocity averaged over a stride at constant commands, m/s.")
+    max_raw_velocity_rmse_m_s: Bound = _limit("RMS error of the instantaneous velocity at constant commands, m/s.")
+    max_velocity_bias_m_s: Bound = _limit("Mean velocity error at any constant command, m/s.")
+    max_yaw_rate_rmse_rad_s: Bound = _limit(
+        "RMS error of the yaw rate averaged over a stride at constant commands, rad/s."
     )
-    max_rms_joint_velocity_rad_s: NonNegative | None = Field(
-        default=None, description="RMS of the joint speeds from steady_from_s on, rad/s."
+    max_height_rmse_m: Bound = _limit("RMS error of the base's height at constant commands, m.")
+    max_height_std_m: Bound = _limit("Standard deviation of the base's height at any constant command, m.")
+    max_cost_of_transport: Bound = _limit(
+        "Cost of transport: integral of |torque x joint speed| over weight times distance."
     )
-    max_com_rms_error_m: NonNegative | None = Field(
-        default=None, description="RMS distance of the centre of mass from its target from steady_from_s on, m."
+    min_steps: Count = _limit("Number of swings of all feet.")
+    max_lost_contacts: Count = _limit("Number of contacts lost during a stance.")
+    max_leg_collisions: Count = _limit(
+        "Number of times that two legs touch: capsules of the feet's radius along their links."
     )
-    max_com_error_m: NonNegative | None = Field(
-        default=None, description="Largest distance of the centre of mass from its target from steady_from_s on, m."
+    max_walking_tilt_deg: Bound = _limit("Largest tilt of the base while it walks, degrees.")
+    max_scuff_m: Bound = _limit("Largest distance that a foot slides over the floor in a swing, m.")
+    max_peak_impact_n: Bound = _limit("Largest normal force of a foot just after its touchdown, N.")
+    max_odometry_drift_percent: Bound = _limit(
+        "Error of the estimated base position at the end over the distance travelled, %."
     )
-    max_solver_failures: Number | None = Field(
-        default=0, description="MPC updates and whole-body ticks whose solver failed."
+    max_recovery_time_s: Bound = _limit(
+        "Time from a push's end until the velocity is back within 0.05 m/s of the command, s."
     )
-    max_deadline_misses: Number | None = Field(
-        default=None, description="Ticks that took longer than their period, estimation and planning in them included."
+    max_stop_strides: Bound = _limit(
+        "Time from the end of the command's motion until the robot stands, in gait cycles."
     )
-    max_mpc_p50_ms: NonNegative | None = Field(default=None, description="Median duration of an MPC update, ms.")
-    max_wbc_p50_ms: NonNegative | None = Field(default=None, description="Median duration of a whole-body tick, ms.")
-    min_real_time_factor: NonNegative | None = Field(default=None, description="Simulated over elapsed time.")
-    max_velocity_rmse_m_s: NonNegative | None = Field(
-        default=None,
-        description="RMS error of the velocity averaged over a stride at constant commands, m/s.",
+    max_final_foot_error_m: Bound = _limit(
+        "Distance of a foot at the end from its initial position relative to the other feet, m."
     )
-    max_raw_velocity_rmse_m_s: NonNegative | None = Field(
-        default=None, description="RMS error of the instantaneous velocity at constant commands, m/s."
-    )
-    max_velocity_bias_m_s: NonNegative | None = Field(
-        default=None, description="Mean velocity error at any constant command, m/s."
-    )
-    max_yaw_rate_rmse_rad_s: NonNegative | None = Field(
-        default=None,
-        description="RMS error of the yaw rate averaged over a stride at constant commands, rad/s.",
-    )
-    max_height_rmse_m: NonNegative | None = Field(
-        default=None, description="RMS error of the base's height at constant commands, m."
-    )
-    max_height_std_m: NonNegative | None = Field(
-        default=None, description="Standard deviation of the base's height at any constant command, m."
-    )
-    max_cost_of_transport: NonNegative | None = Field(
-        default=None, description="Cost of transport: integral of |torque x joint speed| over weight times distance."
-    )
-    min_steps: Number | None = Field(default=None, description="Number of swings of all feet.")
-    max_lost_contacts: Number | None = Field(default=None, description="Number of contacts lost during a stance.")
-    max_leg_collisions: Number | None = Field(
-        default=None,
-        description="Number of times that two legs touch: capsules of the feet's radius along their links.",
-    )
-    max_walking_tilt_deg: NonNegative | None = Field(
-        default=None, description="Largest tilt of the base while it walks, degrees."
-    )
-    max_scuff_m: NonNegative | None = Field(
-        default=None, description="Largest distance that a foot slides over the floor in a swing, m."
-    )
-    max_peak_impact_n: NonNegative | None = Field(
-        default=None, description="Largest normal force of a foot just after its touchdown, N."
-    )
-    max_odometry_drift_percent: NonNegative | None = Field(
-        default=None, description="Error of the estimated base position at the end over the distance travelled, %."
-    )
-    max_recovery_time_s: NonNegative | None = Field(
-        default=None, description="Time from a push's end until the velocity is back within 0.05 m/s of the command, s."
-    )
-    max_stop_strides: NonNegative | None = Field(
-        default=None, description="Time from the end of the command's motion until the robot stands, in gait cycles."
-    )
-    max_final_foot_error_m: NonNegative | None = Field(
-        default=None,
-        description="Distance of a foot at the end from its initial position relative to the other feet, m.",
-    )
-
-    max_falls: Number | None = Field(default=0, description="Falls; null: any number.")
-    max_give_up_s: NonNegative | None = Field(
-        default=None, description="Time after a fall until the joints are damped, s."
-    )
-    max_damped_rms_torque_nm: NonNegative | None = Field(
-        default=None, description="RMS torque of all joints while they are damped, N.m."
-    )
-    min_rises: Number | None = Field(default=None, description="Number of transitions from lying to standing.")
-    min_descents: Number | None = Field(default=None, description="Number of transitions from standing to lying.")
-    max_torque_step_nm: NonNegative | None = Field(
-        default=None,
-        description="Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m.",
+    max_falls: Count = _limit("Falls; null: any number.", 0)
+    max_give_up_s: Bound = _limit("Time after a fall until the joints are damped, s.")
+    max_damped_rms_torque_nm: Bound = _limit("RMS torque of all joints while they are damped, N.m.")
+    min_rises: Count = _limit("Number of transitions from lying to standing.")
+    min_descents: Count = _limit("Number of transitions from standing to lying.")
+    max_torque_step_nm: Bound = _limit(
+        "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m."
     )
 
     @property

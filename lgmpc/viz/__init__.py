@@ -10,7 +10,7 @@ from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.page import embed_page, has_desktop, serve_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.run_report import run_report, solve_report
+from lgmpc.viz.report import run_report, solve_report
 from lgmpc.viz.trajectory_plots import plot_trajectory
 
 __all__ = [

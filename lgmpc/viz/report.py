@@ -6,14 +6,39 @@ A page consists of sections, sections of blocks. Each function here returns the 
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
 from html import escape
 from importlib import resources
 
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot
+from lgmpc.runs import Gate, Run, SolvedRun, flat_metrics, measured
+from lgmpc.runs.certificate import Certificate
+from lgmpc.runs.events import event_lines
+from lgmpc.runs.figures import figure_number, figure_of, figure_words
+from lgmpc.runs.forensics import Explanation
+from lgmpc.viz.explanation_plots import draw_explanation
 from lgmpc.viz.figure_files import Drawing, figure_heading, svg_figures
 from lgmpc.viz.page import filled
+from lgmpc.viz.plots import run_drawings
+from lgmpc.viz.replay import replay_page
+from lgmpc.viz.trajectory_plots import trajectory_drawings
+from lgmpc.world import Terrain
 
-__all__ = ["code", "figures", "folded", "replay", "report_page", "section", "table", "words"]
+__all__ = [
+    "code",
+    "figures",
+    "folded",
+    "replay",
+    "report_page",
+    "run_report",
+    "section",
+    "solve_report",
+    "table",
+    "words",
+]
 
 
 def words(sentences: Iterable[str]) -> str:
@@ -99,3 +124,147 @@ def report_page(title: str, verdict: str, about: str, reasons: Iterable[str], se
 
 def _lines(blocks: Iterable[str]) -> str:
     return "\n".join(blocks)
+
+
+def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, ground: Terrain | None = None) -> str:
+    """Return the page of a closed loop: verdict, replay, figures, events, limits, certificate, config, versions.
+
+    Args:
+        robot: robot of the run.
+        run: contents of the run folder.
+        gate: limits of its verdict.
+        explanation: explanation of the run.
+        ground: of the run's world; the level floor at height 0 unless given.
+
+    Raises:
+        InputError: if the run has no finite tick.
+        MissingDependencyError: if matplotlib or meshcat is not installed.
+    """
+
+    def sections() -> Iterator[str]:
+        result, metrics = run.result, run.result.metrics
+        yield from _replayed(partial(replay_page, robot, run, ground))
+        if metrics is not None:
+            limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
+            yield section("Figures of merit", _bounded(limited), _all_figures(flat_metrics(metrics)))
+        yield section("Figures", figures(run_drawings(run)))
+        drawn = figures({"events": partial(draw_explanation, explanation=explanation)})
+        yield section("Events", words(_repeated(run, explanation)), _events(explanation), drawn)
+        until = "" if explanation.failed_s is None else ", until the failure"
+        yield section(f"Nearest to limits{until}", _nearest(explanation))
+        if result.certificate is not None:
+            yield _certificate(result.certificate)
+        yield from _sources(run)
+
+    about = f"{run.result.when} · {robot.name} · seed {run.result.seed}"
+    reasons = dict.fromkeys((*run.result.verdict.reasons, *explanation.summary))  # a summary may be the reason
+    return report_page(run.result.name, run.result.verdict.outcome.value, about, reasons, sections())
+
+
+def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> str:
+    """Return the page of a solved trajectory: verdict, replay, figures, config, versions.
+
+    Args:
+        robot: robot of the run.
+        run: contents of the run folder.
+        bounds: bounds of its gate by their keys.
+
+    Raises:
+        InputError: if the trajectory is not finite.
+        MissingDependencyError: if matplotlib or meshcat is not installed.
+    """
+    result = run.result
+
+    def sections() -> Iterator[str]:
+        yield from _replayed(partial(replay_page, robot, run))
+        limited = [(key, result.figures.get(figure_of(key)), limit) for key, limit in bounds.items()]
+        told = words(line.strip() for line in result.explanation.splitlines() if line.strip())
+        yield section("Figures of merit", told, _bounded(limited), _all_figures(result.figures))
+        yield section("Figures", figures(trajectory_drawings(robot, run)))
+        yield from _sources(run)
+
+    about = f"{result.when} · {robot.name} · {result.method}: {result.status.replace('_', ' ')}"
+    return report_page(result.name, result.verdict.outcome.value, about, result.verdict.reasons, sections())
+
+
+def _repeated(run: Run, explanation: Explanation) -> Iterator[str]:
+    """Yield the origin of a continued run, and the command that repeats the run up to its first event."""
+    if run.result.origin is not None:
+        yield str(run.result.origin)
+    if explanation.replay_from_s is not None:
+        command = f"lgmpc run --from {run.path}@{explanation.replay_from_s:g} --set KEY=VALUE"
+        yield f"to repeat it up to the first event, and continue with other settings: {command}"
+
+
+def _events(explanation: Explanation) -> str:
+    rows = [
+        (each.start_s, f"{each.start_s:.3f}", f"{1e3 * each.lasting_s:.0f}", each.kind.value, each.words)
+        for each in event_lines(explanation.events)
+    ]
+    if explanation.failed_s is not None:
+        rows.append((explanation.failed_s, f"{explanation.failed_s:.3f}", "", "failure", explanation.failure))
+    rows.sort(key=lambda row: row[0])
+    marks = ["bad" if row[3] == "failure" else "" for row in rows]
+    return table(("at / s", "lasts / ms", "what", ""), [row[1:] for row in rows], marks)
+
+
+def _nearest(explanation: Explanation) -> str:
+    rows, marks = [], []
+    for each in explanation.nearest:
+        name = f"{each.name} / {each.unit}" if each.unit else each.name
+        when = "" if each.time_s is None else f"{each.time_s:.3f}"
+        rows.append((name, each.subject, when, *map(figure_number, (each.value, each.limit, each.margin))))
+        marks.append("bad" if each.broken else "")
+    return table(("quantity", "where", "at / s", "value", "limit", "margin"), rows, marks)
+
+
+def _certificate(certificate: Certificate) -> str:
+    rows, marks = [], []
+    for each in certificate.checks:
+        numbers = map(figure_number, (each.value, each.limit, each.margin))
+        name = f"{each.name} / {each.unit}"
+        rows.append((name, each.subject, f"{each.time_s:.3f}", *numbers, "kept" if each.kept else "broken"))
+        marks.append("good" if each.kept else "bad")
+    headings = ("check, until a fall", "where", "at / s", "value", "limit", "smallest margin", "")
+    found = "all checks of physics and hardware passed" if certificate.certified else "not certified"
+    peaks = [f"without a limit in the config: {each}" for each in certificate.without_limit]
+    return section("Certificate", words([found]), table(headings, rows, marks), words(peaks))
+
+
+def _bounded(limited: list[tuple[str, float | None, float]]) -> str:
+    """Return the table of the figures that the gate limits, with their limits."""
+    rows, marks = [], []
+    for key, value, limit in limited:
+        name, unit, scale = figure_words(figure_of(key), value, limit)
+        highest = key.startswith("max_")
+        kept = value is not None and (value <= limit if highest else value >= limit)
+        shown = "-" if value is None else figure_number(scale * value, unit, scale * limit)
+        allowed = f"{'≤' if highest else '≥'} {scale * limit:g}"
+        rows.append((f"{name} / {unit}" if unit else name, shown, allowed, "kept" if kept else "broken"))
+        marks.append("good" if kept else "bad")
+    return table(("figure", "measured", "allowed", ""), rows, marks)
+
+
+def _all_figures(measures: Mapping[str, float | None]) -> str:
+    rows = []
+    for key, value in measures.items():
+        group, _, stem = key.rpartition(".")
+        name, unit, scale = figure_words(stem, value)
+        shown = "-" if value is None else figure_number(scale * value, unit)
+        rows.append((f"{group} {name}".strip(), shown, unit))
+    return folded("All figures", table(("figure", "measured", "unit"), rows))
+
+
+def _replayed(page: Callable[[], str]) -> Iterator[str]:
+    """Yield the section of the replay; none if the run cannot be replayed."""
+    try:
+        yield section("Replay", replay(page()))
+    except InputError:
+        return
+
+
+def _sources(run: Run | SolvedRun) -> Iterator[str]:
+    yield section("Config", folded("config.yaml, defaults included", code(run.config.rstrip())))
+    result = run.result
+    rows = [*result.versions.items(), *((key, str(value)) for key, value in asdict(result.host).items())]
+    yield section("Versions and machine", folded("Packages, processor", table(("", ""), rows)))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from lgmpc.runs.limited import capture_margin, support_margin
 from lgmpc.runs.log import MODES
-from lgmpc.runs.support import capture_margin, support_margin
 
 SQUARE = np.array([[0.2, 0.15], [0.2, -0.15], [-0.2, 0.15], [-0.2, -0.15]])
 

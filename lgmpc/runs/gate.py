@@ -12,7 +12,8 @@ from lgmpc.settings import LARGEST, Finite, Fraction, NonNegative, Problem, Sett
 
 __all__ = ["Gate", "SolveGate"]
 
-Bound, Share = NonNegative | None, Fraction | None
+Bound = NonNegative | None
+Share = Fraction | None
 Count = Annotated[int, Field(strict=True, ge=0)] | None
 
 

@@ -24,7 +24,6 @@ from lgmpc.robot import Robot
 from lgmpc.runs import Verdict
 from lgmpc.runs.atomic import atomic_write
 from lgmpc.runs.events import EventKind, EventLine, event_lines
-from lgmpc.runs.figures import figure_number
 from lgmpc.runs.forensics import Explanation
 from lgmpc.runs.limited import Nearest
 from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
@@ -254,9 +253,5 @@ def _chain(lines: Sequence[EventLine], failed_s: float | None, failure: str) -> 
 def _margins(nearest: Sequence[Nearest]) -> Table:
     table = plain_table("nearest to its limit", "where", "at / s", "value", "limit", "margin")
     for each in nearest:
-        name = f"{each.name} / {each.unit}" if each.unit else each.name
-        when = "" if each.time_s is None else f"{each.time_s:.3f}"
-        figures = (figure_number(value) for value in (each.value, each.limit, each.margin))
-        style = "red" if each.broken else ""
-        table.add_row(name, each.subject, when, *figures, style=style)
+        table.add_row(*each.cells, style="red" if each.broken else "")
     return table

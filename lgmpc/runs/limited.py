@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lgmpc.runs.atomic import Number
-from lgmpc.runs.figures import figure_of, figure_words
+from lgmpc.runs.figures import figure_number, figure_of, figure_words
 from lgmpc.runs.gate import Gate
 from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.metrics import Metrics, slide
@@ -124,6 +124,13 @@ class Nearest:
     def broken(self) -> bool:
         """Whether the run failed because of it."""
         return self.judged and self.margin < 0.0
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Quantity with its unit, subject, time, value, limit and margin as the cells of a table."""
+        name = f"{self.name} / {self.unit}" if self.unit else self.name
+        when = "" if self.time_s is None else f"{self.time_s:.3f}"
+        return (name, self.subject, when, *map(figure_number, (self.value, self.limit, self.margin)))
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""

@@ -26,7 +26,9 @@ __all__ = ["LogSettings", "Recorder"]
 class LogSettings(Settings):
     """Settings of the saved log."""
 
-    rate_hz: Positive = Field(default=500.0, description="Recorded ticks per second, Hz; divides wbc.rate_hz.")
+    rate_hz: Positive = Field(
+        default=500.0, description="Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged."
+    )
 
 
 class Recorder:

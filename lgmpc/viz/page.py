@@ -227,7 +227,7 @@ class PageServer:
         except (OSError, OverflowError) as error:
             reason = reason_of(error) if isinstance(error, OSError) else "out of range"
             raise InputError("port", port, f"a free TCP port ({reason}); 0 takes any") from error
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
 
     @property
     def url(self) -> str:
@@ -246,6 +246,8 @@ class PageServer:
 
 class _BoundedServer(ThreadingHTTPServer):
     """A server with a thread for each of at most :data:`CONNECTIONS` connections; further ones are closed."""
+
+    request_queue_size = 4 * CONNECTIONS  # a shorter queue makes clients wait for seconds before they are refused
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._free = threading.BoundedSemaphore(CONNECTIONS)

@@ -209,22 +209,14 @@ def _events(explanation: Explanation) -> str:
 
 
 def _nearest(explanation: Explanation) -> str:
-    rows, marks = [], []
-    for each in explanation.nearest:
-        name = f"{each.name} / {each.unit}" if each.unit else each.name
-        when = "" if each.time_s is None else f"{each.time_s:.3f}"
-        rows.append((name, each.subject, when, *map(figure_number, (each.value, each.limit, each.margin))))
-        marks.append("bad" if each.broken else "")
-    return table(("quantity", "where", "at / s", "value", "limit", "margin"), rows, marks)
+    marks = ["bad" if each.broken else "" for each in explanation.nearest]
+    headings = ("quantity", "where", "at / s", "value", "limit", "margin")
+    return table(headings, [each.cells for each in explanation.nearest], marks)
 
 
 def _certificate(certificate: Certificate) -> str:
-    rows, marks = [], []
-    for each in certificate.checks:
-        numbers = map(figure_number, (each.value, each.limit, each.margin))
-        name = f"{each.name} / {each.unit}"
-        rows.append((name, each.subject, f"{each.time_s:.3f}", *numbers, "kept" if each.kept else "broken"))
-        marks.append("good" if each.kept else "bad")
+    rows = [(*each.cells, "kept" if each.kept else "broken") for each in certificate.checks]
+    marks = ["good" if each.kept else "bad" for each in certificate.checks]
     headings = ("check, until a fall", "where", "at / s", "value", "limit", "smallest margin", "")
     found = "all checks of physics and hardware passed" if certificate.certified else "not certified"
     peaks = [f"without a limit in the config: {each}" for each in certificate.without_limit]

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import gzip
-import json
 
 import numpy as np
 import pytest
@@ -15,6 +12,8 @@ from lgmpc.demos.outcome import Body, Curve, Demo, Outcome, Panel, Path, Row, Sh
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
 from lgmpc.viz.demonstration import demo_page, draw_demo
+
+from .test_replay import content_of
 
 TIMES = np.linspace(0.0, 2.0, 81)
 
@@ -39,12 +38,6 @@ def circling(**changes) -> Outcome:
 
 
 DEMO = Demo("circle", "a ball goes round", circling)
-
-
-def content_of(page: str) -> dict:
-    payload = page.split('<script id="payload" type="application/octet-stream">')[1].split("</script>")[0]
-    packed = gzip.decompress(base64.b64decode(payload))
-    return json.loads(packed[8 : 8 + int.from_bytes(packed[:8], "little")])
 
 
 @pytest.mark.parametrize("kind", ["png", "svg"])

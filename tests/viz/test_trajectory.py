@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import re
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -24,7 +22,8 @@ from lgmpc.viz.replay import replay_page
 from lgmpc.viz.trajectory_overlay import Pictures
 from lgmpc.viz.trajectory_plots import plot_trajectory
 
-from .test_scene import tracks, unpack
+from .test_replay import content_of
+from .test_scene import tracks
 
 FIGURES = {"position_error_m": 1.5e-3, "effort_ratio": float("nan"), "iterations": 12.0}
 TOOL = "panda_hand_tcp"
@@ -64,12 +63,6 @@ def run_of(robot: Robot, times: np.ndarray, q: list[np.ndarray], **changes: Any)
     }
     result = SolveResult("made_up", Verdict(Outcome.PASS), "fddp", "converged", "", FIGURES)
     return SolvedRun(Path("runs/made_up"), "name: made_up\n", TrajectoryLog(**values | changes), result)
-
-
-def content_of(page: str) -> dict[str, Any]:
-    payload = re.search(r'<script id="payload"[^>]*>([^<]*)</script>', page)
-    assert payload is not None
-    return unpack(base64.b64decode(payload.group(1)))
 
 
 @pytest.fixture(scope="module")

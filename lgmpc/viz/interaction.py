@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,27 +40,31 @@ def mark_figure(figure: Figure) -> str:
     figure.draw_without_rendering()
     figure.set_layout_engine(None)  # saving would repeat the layout, with slightly different results
     height = figure.bbox.height
-    names: dict[str, int] = {}
+    numbers: dict[str, int] = {}  # of curves by name; unnamed ones have their axes' title, behind a zero
     found = []
     for number, axes in enumerate(figure.axes):
         axes.set_gid(f"{_MARK}axes a{number}")
-        curves = dict(_curves(axes, names))
+        curves: dict[Artist, str] = {}
         for artist in axes.get_children():
-            moves = _moves(artist, axes)
-            if moves:
-                name = f"{_MARK}part {' '.join(moves)}"
-                artist.set_gid(
-                    f"{name} c{curves[artist]}" if artist in curves else name + _anchor(artist, axes, height)
-                )
+            moves, anchor = _moves(artist, axes)
+            if not moves:
+                continue
+            if artist in axes.lines and moves == "xy" and len(np.asarray(artist.get_xdata())) > 2:  # type: ignore[attr-defined]
+                name = str(artist.get_label())
+                curves[artist] = f"\0{axes.get_title(loc='left')}" if name.startswith("_") else name
+                anchor = f" c{numbers.setdefault(curves[artist], len(numbers))}"
+            elif anchor is not None:
+                x, y = axes.transData.transform(anchor)
+                anchor = f" @{x:.1f},{height - y:.1f}"
+            artist.set_gid(f"{_MARK}part {' '.join(moves)}{anchor or ''}")
         legend = axes.get_legend()
-        if legend is not None:
-            for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
-                if text.get_text() in names:
-                    for part in (handle, text):
-                        if part is not None:
-                            part.set_gid(f"{_MARK}key c{names[text.get_text()]}")
+        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True) if legend else ():
+            for part in (handle, text) if text.get_text() in numbers else ():
+                if part is not None:
+                    part.set_gid(f"{_MARK}key c{numbers[text.get_text()]}")
         if axes.has_data():
-            found.append(_described(axes, number, height, {k: _words(names, k) for k in sorted(set(curves.values()))}))
+            names = {numbers[name]: "" if name.startswith("\0") else name for name in curves.values()}
+            found.append({"axes": number} | _described(axes, height, dict(sorted(names.items()))))
     return json.dumps(found, separators=(",", ":"))
 
 
@@ -71,81 +75,49 @@ def classes_from_names(svg: str) -> str:
     return re.sub(r'<g id="[^"]*"', "<g", svg)
 
 
-def _curves(axes: Axes, names: dict[str, int]) -> Iterator[tuple[Artist, int]]:
-    """Yield the lines through data with the numbers of their names; lines of one name share the number."""
-    for line in axes.get_lines():
-        if _moves(line, axes) == "xy" and len(np.asarray(line.get_xdata())) > 2:
-            name = str(line.get_label())
-            name = f"\0{axes.get_title(loc='left')}" if name.startswith("_") else name
-            yield line, names.setdefault(name, len(names))
-
-
-def _words(names: dict[str, int], number: int) -> str:
-    """Return the name of a curve; empty for one that has none."""
-    name = next(name for name, each in names.items() if each == number)
-    return "" if name.startswith("\0") else name
-
-
-def _moves(artist: Artist, axes: Axes) -> str:
-    """Return the directions in which data place an artist: "", "x", "y" or "xy"; "" for parts of the axes."""
+def _moves(artist: Artist, axes: Axes) -> tuple[str, Any]:
+    """Return the directions in which data place an artist, "" for parts of the axes, and the anchor of a text."""
     from matplotlib.collections import Collection
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
     from matplotlib.spines import Spine
     from matplotlib.text import Annotation
 
-    if artist is axes.patch or isinstance(artist, Spine):
-        return ""
+    anchor = None
     if isinstance(artist, Annotation):
         coordinates = artist.xycoords if isinstance(artist.xycoords, tuple) else (artist.xycoords,) * 2
-        return "".join(axis for axis, each in zip("xy", coordinates, strict=True) if each == "data")
-    if not isinstance(artist, (Line2D, Patch, Collection)):
-        return ""
-    both = artist.get_transform().contains_branch_seperately(axes.transData)
-    return "".join(axis for axis, each in zip("xy", both, strict=True) if each)
+        both = [each == "data" for each in coordinates]
+        anchor = [float(value) if each else 0.0 for value, each in zip(artist.xy, both, strict=True)]
+    elif artist is axes.patch or isinstance(artist, Spine) or not isinstance(artist, (Line2D, Patch, Collection)):
+        return "", None
+    else:
+        both = artist.get_transform().contains_branch_seperately(axes.transData)
+    return "".join(axis for axis, each in zip("xy", both, strict=True) if each), anchor
 
 
-def _anchor(artist: Artist, axes: Axes, height: float) -> str:
-    from matplotlib.text import Annotation
+def _described(axes: Axes, height: float, names: Mapping[int, str]) -> dict[str, Any]:
+    from matplotlib.ticker import FixedLocator
 
-    if not isinstance(artist, Annotation):
-        return ""
-    coordinates = artist.xycoords if isinstance(artist.xycoords, tuple) else (artist.xycoords,) * 2
-    # Only the coordinates in which the artist moves are read.
-    point = [float(value) if each == "data" else 0.0 for value, each in zip(artist.xy, coordinates, strict=True)]
-    x, y = axes.transData.transform(point)
-    return f" @{x:.1f},{height - y:.1f}"
-
-
-def _described(axes: Axes, number: int, height: float, names: dict[int, str]) -> dict[str, Any]:
-    box = axes.get_window_extent()
-    kind = _kind(axes)
-    zoom = "".join(
-        axis
-        for axis, each in (("x", axes.xaxis), ("y", axes.yaxis))
-        if kind in ("time", "plane") and each.get_scale() == "linear" and (len(each.get_ticklocs()) or axis == "x")
+    box, kind = axes.get_window_extent(), "plane"
+    described: dict[str, Any] = {}
+    if axes.name == "polar":
+        kind = "polar"
+    elif any(each.get_xlabel() == _TIME for each in axes.get_shared_x_axes().get_siblings(axes)):
+        kind = "time"
+    elif isinstance(axes.xaxis.get_major_locator(), FixedLocator):
+        kind = "levels"
+        texts = (each.get_text() for each in axes.get_xticklabels())
+        described["levels"] = dict(zip((f"{at:g}" for at in axes.get_xticks()), texts, strict=True))
+    zoomed = (("x", axes.xaxis), ("y", axes.yaxis)) if kind in ("time", "plane") else ()
+    linear = (
+        axis for axis, each in zoomed if each.get_scale() == "linear" and (axis == "x" or len(each.get_ticklocs()))
     )
-    described = {
-        "axes": number,
+    return described | {
         "kind": kind,
         "box": [round(value, 2) for value in (box.x0, height - box.y1, box.x1, height - box.y0)],
         "x": [float(value) for value in axes.get_xlim()],
         "y": [float(value) for value in axes.get_ylim()],
-        "zoom": zoom,
+        "zoom": "".join(linear),
         "unit": axes.get_ylabel(),
         "names": names,
     }
-    if kind == "levels":
-        texts = (each.get_text() for each in axes.get_xticklabels())
-        described["levels"] = dict(zip((f"{at:g}" for at in axes.get_xticks()), texts, strict=True))
-    return described
-
-
-def _kind(axes: Axes) -> str:
-    from matplotlib.ticker import FixedLocator
-
-    if axes.name == "polar":
-        return "polar"
-    if any(each.get_xlabel() == _TIME for each in axes.get_shared_x_axes().get_siblings(axes)):
-        return "time"
-    return "levels" if isinstance(axes.xaxis.get_major_locator(), FixedLocator) else "plane"

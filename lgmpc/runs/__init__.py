@@ -1,18 +1,16 @@
 """Runs: recorder, run folder, metrics and verdict."""
 
 from lgmpc.runs.atomic import atomic_write
-from lgmpc.runs.estimate import EstimatorErrors
 from lgmpc.runs.figures import judge_figures
 from lgmpc.runs.folder import Run, RunFolder, SolvedRun, find_run, load_run
-from lgmpc.runs.gate import Gate, SolveGate
+from lgmpc.runs.gate import Gate, Outcome, SolveGate, Verdict, judge, measured
 from lgmpc.runs.intervals import PushInterval, push_intervals
 from lgmpc.runs.log import RunLog
-from lgmpc.runs.metrics import Metrics, Timing, compute_metrics, flat_metrics, metric_names
+from lgmpc.runs.metrics import EstimatorErrors, Metrics, Timing, compute_metrics, flat_metrics, metric_names
 from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.recorder import LogSettings, Recorder
 from lgmpc.runs.result import HostInfo, RunResult, SolveResult, host_info, versions
 from lgmpc.runs.trajectory import TrajectoryLog
-from lgmpc.runs.verdict import Outcome, Verdict, judge, measured
 from lgmpc.runs.walking import WalkingMetrics
 
 __all__ = [

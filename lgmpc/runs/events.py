@@ -8,10 +8,10 @@ from enum import Enum
 
 import numpy as np
 
-from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.intervals import intervals, joined_intervals, push_intervals
 from lgmpc.runs.limited import Limited
 from lgmpc.runs.log import MODES, SENSOR_FAULTS, RunLog
+from lgmpc.runs.metrics import tilt_and_yaw_deg
 from lgmpc.runs.result import SettingsChange
 from lgmpc.typing import Array, BoolArray
 

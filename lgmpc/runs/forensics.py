@@ -14,11 +14,10 @@ from lgmpc.errors import InputError
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.events import Event, EventKind, find_events
 from lgmpc.runs.folder import Run
-from lgmpc.runs.gate import Gate
+from lgmpc.runs.gate import Gate, Outcome
 from lgmpc.runs.limited import JointLimits, Limited, Nearest, gate_figures, limited_quantities
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import fallen_ticks
-from lgmpc.runs.verdict import Outcome
 
 __all__ = ["Explanation", "explain_run"]
 

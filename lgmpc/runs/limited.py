@@ -11,11 +11,10 @@ import numpy as np
 
 from lgmpc.runs.atomic import Number
 from lgmpc.runs.figures import figure_number, figure_of, figure_words
-from lgmpc.runs.gate import Gate
+from lgmpc.runs.gate import Gate, measured
 from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.metrics import Metrics, slide
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG, LOW_MODES
-from lgmpc.runs.verdict import measured
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = [

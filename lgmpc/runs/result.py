@@ -20,8 +20,8 @@ from lgmpc.notebook import html_table
 from lgmpc.runs.atomic import Number, json_values
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_number, figure_words
+from lgmpc.runs.gate import Verdict
 from lgmpc.runs.metrics import Metrics, flat_metrics
-from lgmpc.runs.verdict import Verdict
 
 __all__ = [
     "RESULT_FILE",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -86,7 +86,7 @@ def _moves(artist: Artist, axes: Axes) -> tuple[str, Any]:
     anchor = None
     if isinstance(artist, Annotation):
         coordinates = artist.xycoords if isinstance(artist.xycoords, tuple) else (artist.xycoords,) * 2
-        both = [each == "data" for each in coordinates]
+        both: Sequence[bool] = [each == "data" for each in coordinates]
         anchor = [float(value) if each else 0.0 for value, each in zip(artist.xy, both, strict=True)]
     elif artist is axes.patch or isinstance(artist, Spine) or not isinstance(artist, (Line2D, Patch, Collection)):
         return "", None

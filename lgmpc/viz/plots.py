@@ -9,11 +9,10 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.runs import Run, RunLog, push_intervals
-from lgmpc.runs.estimate import tilt_and_yaw_deg
 from lgmpc.runs.figures import length_unit
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import CONTACT_STATES
-from lgmpc.runs.metrics import rpy_deg
+from lgmpc.runs.metrics import rpy_deg, tilt_and_yaw_deg
 from lgmpc.runs.walking import body_velocity, stride_mean
 from lgmpc.typing import BoolArray
 from lgmpc.viz.figure_files import (

@@ -17,12 +17,19 @@ from lgmpc.runs.walking import body_velocity
 from lgmpc.typing import Array
 from lgmpc.viz.body import Body, load_body
 from lgmpc.viz.marks import COLORS, Scale
-from lgmpc.viz.overlay import SPEED_SHOWN_M_S, Frames, add_overlay
+from lgmpc.viz.overlay import (
+    SPEED_SHOWN_M_S,
+    Frames,
+    Pictures,
+    add_overlay,
+    add_trajectory_overlay,
+    path_names,
+    thrusters,
+)
 from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.series import friction_words
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
-from lgmpc.viz.trajectory_overlay import Pictures, add_trajectory_overlay, path_names, thrusters
 from lgmpc.world import Terrain, World
 
 __all__ = ["replay_page"]

@@ -11,8 +11,8 @@ import pytest
 
 from lgmpc.runs import RunLog, RunResult
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
+from lgmpc.runs.gate import Outcome, Verdict
 from lgmpc.runs.limited import DriveLine, JointLimits, Nearest, joint_power
-from lgmpc.runs.verdict import Outcome, Verdict
 
 JOINTS = JointLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
 LINE = JOINTS._replace(line=DriveLine(stall=2.0, no_load=20.0))

@@ -13,7 +13,7 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, compute_metrics, flat_metrics, judge
 from lgmpc.runs.channels import channels_of
-from lgmpc.runs.estimate import tilt_and_yaw_deg
+from lgmpc.runs.metrics import tilt_and_yaw_deg
 
 from .conftest import new_recorder, record_standing
 

@@ -18,8 +18,8 @@ from lgmpc.errors import InputError
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Outcome, SolvedRun, SolveResult, TrajectoryLog, Verdict
 from lgmpc.viz.figure_files import Plots
+from lgmpc.viz.overlay import Pictures
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.trajectory_overlay import Pictures
 from lgmpc.viz.trajectory_plots import plot_trajectory
 
 from .test_replay import content_of

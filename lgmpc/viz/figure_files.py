@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
@@ -35,14 +35,10 @@ __all__ = [
     "Y",
     "Z",
     "draw_figures",
-    "draw_limits",
     "figure_heading",
     "figure_maker",
     "figure_title",
-    "joint_kinds",
-    "joint_style",
     "legend_above",
-    "legend_of_joints",
     "svg_figures",
 ]
 
@@ -220,46 +216,7 @@ def figure_title(result: RunResult | SolveResult) -> str:
     return f"{result.name} · {result.verdict.outcome.value} · {result.when}"
 
 
-def joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
-    """Return the indices of the joints of each kind that all legs have (``FL_HFE``: kind ``HFE``), if any."""
-    kinds: dict[str, list[int]] = {}
-    for joint, name in enumerate(names):
-        kinds.setdefault(name.partition("_")[2], []).append(joint)
-    alike = len(kinds) <= 4 and "" not in kinds and all(2 <= len(joints) <= 8 for joints in kinds.values())
-    return kinds if alike else {}
-
-
 def legend_above(*all_axes: Axes) -> None:
     """Place the legend of each axes above its right end."""
     for axes in all_axes:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, handlelength=1.4)
-
-
-def legend_of_joints(axes: Axes, count: int) -> None:
-    """Place the legend of ``count`` joints above the axes, or beside them where there are many; none for a crowd."""
-    if count <= 4:
-        legend_above(axes)
-    elif count <= 24:
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, handlelength=2.0)
-
-
-def joint_style(i: int) -> dict[str, str]:
-    """Return colour and dashes of the i-th joint in the same axes."""
-    return {"color": (X, Y, Z, EXTRA)[i % 4], "ls": ("-", "--", ":", "-.")[i // 4 % 4]}
-
-
-def draw_limits(axes: Axes, low: float, high: float, text: str) -> None:
-    """Draw lines at two limits, with a label below the upper one."""
-    for value in (low, high):
-        axes.axhline(value, color=LIMIT, ls="--", lw=1.1)
-    axes.annotate(
-        text,
-        (0.995, high),
-        (0, -3),
-        xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        color=LIMIT,
-        ha="right",
-        va="top",
-        fontsize=8.5,
-    )

@@ -1,4 +1,4 @@
-"""Overlays of replays: contacts, centre of mass, prediction, pushes, footholds, swings, command; thrusts, targets, paths."""
+"""Overlays of replays: contacts, centre of mass, prediction, pushes, footholds, swings, thrusts, targets, paths."""
 
 from __future__ import annotations
 

@@ -19,11 +19,7 @@ from lgmpc.viz.figure_files import (
     X,
     Y,
     Z,
-    draw_limits,
-    joint_kinds,
-    joint_style,
     legend_above,
-    legend_of_joints,
 )
 
 if TYPE_CHECKING:
@@ -160,7 +156,7 @@ def draw_joints(
     Returns:
         (k, columns) the axes.
     """
-    kinds = joint_kinds(names)
+    kinds = _joint_kinds(names)
     rows: dict[str, list[int]] = kinds or {"": list(range(len(names)))}
     figure.set_size_inches(8.0 if len(columns) == 1 else 9.6, 1.2 + (1.7 if kinds else 3.0) * len(rows))
     grid: NDArray[Any] = figure.subplots(len(rows), len(columns), sharex=True, squeeze=False)
@@ -172,18 +168,32 @@ def draw_joints(
         for axes, (kind, joints) in zip(grid[:, place], rows.items(), strict=True):
             for count, joint in enumerate(joints):
                 label = names[joint].partition("_")[0] if kinds else names[joint]
-                style = {**joint_style(count), **_drawn(steps), "lw": 1.1, "label": label}
-                axes.plot(time, values[:, joint] / scale[:, joint], **style)
+                style = {"color": (X, Y, Z, EXTRA)[count % 4], "ls": ("-", "--", ":", "-.")[count // 4 % 4]}
+                curve = values[:, joint] / scale[:, joint]
+                axes.plot(time, curve, **style, **_drawn(steps), lw=1.1, label=label)
             if known:
                 ends = np.stack((lower[:, joints] / scale[:, joints], upper[:, joints] / scale[:, joints]))
                 for low, high in np.unique(ends, axis=2).transpose(2, 0, 1):
-                    _draw_changing_limits(axes, time, low, high, f" {{:g}} {unit}" if unit and not share else "")
+                    _draw_limits(axes, time, low, high, f" {{:g}} {unit}" if unit and not share else "")
             axes.set_ylabel("fraction of the limit" if share or not unit else unit)
             axes.set_title(f"{title}{kind and ', '}{kind}")
     for axes in grid[-1]:
         axes.set_xlabel("time, s")
-    legend_of_joints(grid[0, -1], len(next(iter(rows.values()))))
+    count = len(next(iter(rows.values())))
+    if count <= 4:
+        legend_above(grid[0, -1])
+    elif count <= 24:  # no legend for a crowd
+        grid[0, -1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, handlelength=2.0)
     return grid
+
+
+def _joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
+    """Return the indices of the joints of each kind that all legs have (``FL_HFE``: kind ``HFE``), if any."""
+    kinds: dict[str, list[int]] = {}
+    for joint, name in enumerate(names):
+        kinds.setdefault(name.partition("_")[2], []).append(joint)
+    alike = len(kinds) <= 4 and "" not in kinds and all(2 <= len(joints) <= 8 for joints in kinds.values())
+    return kinds if alike else {}
 
 
 def extremes(values: Array, bins: int = 1500) -> IntArray:
@@ -203,16 +213,21 @@ def _drawn(steps: bool) -> dict[str, str]:
     return {"drawstyle": "steps-post"} if steps else {}
 
 
-def _draw_changing_limits(axes: Axes, time: Array, low: Array, high: Array, figure: str) -> None:
-    """Draw limits (n,); where they change, each value of the upper one with a label."""
-    if (low == low[0]).all() and (high == high[0]).all():
-        draw_limits(axes, float(low[0]), float(high[0]), "limit" + figure.format(high[0]))
-        return
+def _draw_limits(axes: Axes, time: Array, low: Array, high: Array, figure: str) -> None:
+    """Draw limits (n,), with a label below the upper one; where they change, below each of its values."""
+    style: dict[str, Any] = {"textcoords": "offset points", "va": "top", "fontsize": 8.5, "color": LIMIT}
+    constant = bool((low == low[0]).all() and (high == high[0]).all())
     for side in (low, high):
-        axes.plot(time, side, color=LIMIT, ls="--", lw=1.1, drawstyle="steps-post")
-    place: dict[str, Any] = {"xytext": (3, -3), "textcoords": "offset points", "va": "top", "fontsize": 8.5}
+        if constant:
+            axes.axhline(float(side[0]), color=LIMIT, ls="--", lw=1.1)
+        else:
+            axes.plot(time, side, color=LIMIT, ls="--", lw=1.1, drawstyle="steps-post")
+    if constant:
+        place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right"}
+        axes.annotate("limit" + figure.format(high[0]), (0.995, float(high[0])), (0, -3), **place, **style)
+        return
     for each in np.flatnonzero(np.diff(high, prepend=np.nan)):
-        axes.annotate("limit" + figure.format(high[each]), (time[each], high[each]), color=LIMIT, **place)
+        axes.annotate("limit" + figure.format(high[each]), (time[each], high[each]), (3, -3), **style)
 
 
 def finish(log: RunLog, *all_axes: Axes, span: float = 0.0) -> None:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from lgmpc.viz.picture import Picture
 
 __all__ = [
     "EXTRA",
@@ -77,7 +76,7 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Picture]]:
+def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Figure]]:
     """Yield a function that creates empty figures, without a display and in the common style.
 
     Args:
@@ -89,27 +88,39 @@ def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[],
     """
     try:
         import matplotlib
-
-        from lgmpc.viz.picture import Picture
+        from matplotlib.figure import Figure
     except ImportError as error:
         raise MissingDependencyError("matplotlib", purpose, "pip install matplotlib") from error
 
+    class Picture(Figure):  # which a notebook displays, with or without pyplot
+        def _repr_png_(self) -> bytes:
+            return _png(self)
+
     with matplotlib.rc_context(_STYLE | _VECTOR if vector else _STYLE):
-        yield Picture
+        yield lambda: Picture(layout="constrained")
+
+
+def _png(figure: Figure) -> bytes:
+    """Return the content of a PNG file. It is drawn once; ``savefig`` draws twice when the layout is constrained."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    stream = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(stream)  # type: ignore[no-untyped-call]
+    return stream.getvalue()
 
 
 Drawing = Callable[["Figure"], bool]
 """Draws on an empty figure and returns whether there was data."""
 
 
-class Plots(dict[str, "Picture"]):
+class Plots(dict[str, "Figure"]):
     """Figures of matplotlib by name. A notebook displays all of them, or one that is looked up.
 
     Attributes:
         title: title of the run or trajectory.
     """
 
-    def __init__(self, figures: Mapping[str, Picture], title: str) -> None:
+    def __init__(self, figures: Mapping[str, Figure], title: str) -> None:
         super().__init__(figures)
         self.title = title
 
@@ -129,7 +140,7 @@ class Plots(dict[str, "Picture"]):
             raise RunFolderError(f"cannot create {folder}: {reason_of(error)}") from error
         for name, figure in self.items():
             with atomic_write(folder / f"{name}.png") as file:
-                figure.write_png(file)
+                file.write(_png(figure))
         return tuple(folder / f"{name}.png" for name in self)
 
     def _repr_html_(self) -> str:
@@ -137,8 +148,8 @@ class Plots(dict[str, "Picture"]):
         return "".join(_embedded(figure, f"{name}: {self.title}") for name, figure in self.items())
 
 
-def _embedded(figure: Picture, text: str) -> str:
-    data = b64encode(figure._repr_png_()).decode()
+def _embedded(figure: Figure, text: str) -> str:
+    data = b64encode(_png(figure)).decode()
     return f'<img src="data:image/png;base64,{data}" alt="{escape(text)}" style="max-width:100%"><br>'
 
 

@@ -189,10 +189,11 @@ class _Result:
 
     def to_json(self) -> str:
         """Return the text of ``run.json``."""
-        own = self._content()
-        last = {name: own.pop(name) for name in ("versions", "host")}
-        own["verdict"], reasons = own["verdict"].values()
-        content = {"schema": SCHEMA, "kind": self.kind, "name": self.name, "reasons": reasons} | own | last
+        own = {"schema": SCHEMA, "kind": self.kind} | self._content()
+        own |= {"verdict": self.verdict.outcome, "reasons": self.verdict.reasons}
+        first, last = ("schema", "kind", "name", "created", "verdict", "reasons"), ("versions", "host")
+        between = (name for name in own if name not in first + last)
+        content = {name: own[name] for name in (*first, *between, *last)}
         return json.dumps(json_values(content), indent=2, allow_nan=False) + "\n"
 
     def _content(self) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from snapshot import headless_chromium
 
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Gate, Recorder, Run, RunFolder, RunLog, RunResult, compute_metrics, judge
@@ -157,3 +160,9 @@ def report_file(solo12: Robot, pushed_run: Run, tmp_path_factory: pytest.TempPat
     gate = Gate(max_tilt_deg=20.0)
     page = run_report(solo12, pushed_run, gate, explain_run(pushed_run, gate))
     return write_page(page, tmp_path_factory.mktemp("report") / "report.html")
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    with headless_chromium() as chromium:
+        yield chromium

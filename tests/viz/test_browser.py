@@ -12,7 +12,7 @@ import coal
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from snapshot import headless_chromium, snapshots
+from snapshot import snapshots
 
 from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError
@@ -57,12 +57,6 @@ class Picture:
 @pytest.fixture(scope="module")
 def page(solo12, pushed_run, tmp_path_factory) -> Path:
     return write_page(replay_page(solo12, pushed_run), tmp_path_factory.mktemp("page") / "replay.html")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with headless_chromium() as chromium:
-        yield chromium
 
 
 @pytest.fixture(scope="module")

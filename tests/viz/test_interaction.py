@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from snapshot import headless_chromium
 
 from lgmpc.chromium import find_chromium
 from lgmpc.runs import Run
@@ -54,12 +53,6 @@ def test_the_parts_of_a_figure_are_named_and_its_axes_described() -> None:
     (anchor,) = re.findall(r"part x @([\d.]+),", svg)
     assert float(anchor) == pytest.approx(left + (0.7 + 0.1) / 2.2 * (right - left), abs=0.1)
     assert svg.count('class="key c') == 4
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with headless_chromium() as chromium:
-        yield chromium
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from matplotlib.image import imread
-from snapshot import headless_chromium, snapshots
+from snapshot import snapshots
 
 from lgmpc.chromium import find_chromium
 from lgmpc.errors import InputError
@@ -212,14 +212,11 @@ def test_the_figures_that_there_are_data_for_are_drawn(
 @pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium")
-def test_a_browser_shows_the_arm_moving_and_its_place(arm_page: str, tmp_path: Path) -> None:
+def test_a_browser_shows_the_arm_moving_and_its_place(browser: Any, arm_page: str, tmp_path: Path) -> None:
     page = tmp_path / "arm.html"
     page.write_text(arm_page, encoding="utf-8")
-    with headless_chromium() as browser:
-        first, last = (
-            np.round(255.0 * imread(BytesIO(png))[..., :3]).astype(int)
-            for png in snapshots(browser, page, (0.0, 0.5), size=(640, 480), panels=False)
-        )
+    pngs = snapshots(browser, page, (0.0, 0.5), size=(640, 480), panels=False)
+    first, last = (np.round(255.0 * imread(BytesIO(png))[..., :3]).astype(int) for png in pngs)
     moved = np.abs(first - last).max(axis=2) > 40
     assert 500 < moved.sum() < 0.5 * moved.size
     red, green, blue = np.moveaxis(first, 2, 0)

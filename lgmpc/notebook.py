@@ -9,7 +9,7 @@ from html import escape
 from time import perf_counter
 from typing import Any, TypeVar
 
-__all__ = ["ProgressBar", "bar_html", "html_table", "in_notebook", "reports"]
+__all__ = ["bar_html", "html_table", "in_notebook", "reports"]
 
 T = TypeVar("T")
 
@@ -39,47 +39,6 @@ def in_notebook() -> bool:
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
-class ProgressBar:
-    """Progress in the output of a notebook's cell: HTML that is replaced in place, so that no widgets are required.
-
-    Used as a context manager; its final state remains in the saved notebook.
-    """
-
-    def __init__(self) -> None:
-        self._fraction: float | None = None
-        self._words = ""
-        self._handle: Any = None
-        self._drawn_at = 0.0
-
-    def __enter__(self) -> ProgressBar:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        if self._words:
-            self._draw(running=False)
-
-    def announce(self, message: str) -> None:
-        """Display a description of the present preparation."""
-        self._fraction, self._words = None, message
-        self._draw()
-
-    def advance(self, fraction: float | None, words: str) -> None:
-        """Display a fraction of the whole, ``None`` where that is unknown, and words beside it."""
-        self._fraction, self._words = fraction, words
-        if perf_counter() - self._drawn_at > _PERIOD_S:
-            self._draw()
-
-    def _draw(self, *, running: bool = True) -> None:
-        from IPython.display import HTML, display
-
-        content = HTML(bar_html(self._fraction, self._words, running=running))  # type: ignore[no-untyped-call]
-        if self._handle is None:
-            self._handle = display(content, display_id=True)  # type: ignore[no-untyped-call]
-        else:
-            self._handle.update(content)
-        self._drawn_at = perf_counter()
-
-
 def bar_html(fraction: float | None, words: str, *, running: bool) -> str:
     """Return a bar with words beside it; of an unknown fraction it is indeterminate, and left out at the end."""
     value = "" if fraction is None else f' value="{min(max(fraction, 0.0), 1.0):.3f}"'
@@ -101,11 +60,40 @@ def reports(
         progress: called with the progress, if any.
         read: from a progress to the fraction that is done (``None`` if unknown) and words, for the bar.
     """
-    if notify is None and progress is None and in_notebook():
-        with ProgressBar() as bar:
-            yield bar.announce, lambda now: bar.advance(*read(now))
-    else:
+    if notify is not None or progress is not None or not in_notebook():
         yield notify or _ignore, progress or _ignore
+        return
+    from IPython.display import HTML, display
+
+    # HTML that is replaced in place, so that no widgets are required; its final state remains in the saved notebook.
+    fraction, words, drawn_at = None, "", 0.0
+    handle: Any = None
+
+    def draw(*, running: bool = True) -> None:
+        nonlocal handle, drawn_at
+        content = HTML(bar_html(fraction, words, running=running))  # type: ignore[no-untyped-call]
+        if handle is None:
+            handle = display(content, display_id=True)  # type: ignore[no-untyped-call]
+        else:
+            handle.update(content)
+        drawn_at = perf_counter()
+
+    def announce(message: str) -> None:
+        nonlocal fraction, words
+        fraction, words = None, message
+        draw()
+
+    def advance(now: T) -> None:
+        nonlocal fraction, words
+        fraction, words = read(now)
+        if perf_counter() - drawn_at > _PERIOD_S:
+            draw()
+
+    try:
+        yield announce, advance
+    finally:
+        if words:
+            draw(running=False)
 
 
 def _ignore(_: object) -> None:

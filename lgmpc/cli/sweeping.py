@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from lgmpc.cli.display import counting_display
@@ -28,7 +27,7 @@ from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sw
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
 from lgmpc.sweeps.summary import Summary, level_text
-from lgmpc.sweeps.tables import TextTable, group_table, level_table, pairing_table, search_words
+from lgmpc.sweeps.tables import search_words, summary_tables
 
 if TYPE_CHECKING:
     from lgmpc.sweeps.study import Tuned
@@ -91,12 +90,11 @@ def _show_sweep(
     console: Console, finished: FinishedSweep, summary: Summary, figure: Path | None, *, quiet: bool
 ) -> None:
     if not quiet:
-        metrics = finished.sweep.settings.metrics
-        console.print(_table(group_table(summary, metrics)))
-        if summary.levels:
-            console.print(_table(level_table(summary)))
-        if summary.pairings:
-            console.print(_table(pairing_table(summary, metrics)))
+        for table in summary_tables(summary, finished.sweep.settings.metrics):
+            shown = plain_table(*table.headings)
+            for row in table.rows:
+                shown.add_row(*row)
+            console.print(shown)
         search = search_words(finished.sweep, finished.rows)
         if search:
             console.print(Text(search, "dim"))
@@ -115,13 +113,6 @@ def _show_sweep(
         rate = "" if speed is None else f"; {speed:.2f} simulated seconds per second and core"
         files = ", ".join(["results.jsonl", SUMMARY, *([figure.name] if figure else [])])
         console.print(Text(f"saved in {finished.folder} ({files}){rate}"), style="dim")
-
-
-def _table(table: TextTable) -> Table:
-    shown = plain_table(*table.headings)
-    for row in table.rows:
-        shown.add_row(*row)
-    return shown
 
 
 def ablate_shown(config: Path, keys: Sequence[str], overrides: Sequence[str], job: Job, seeds: int) -> int:

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,10 @@ from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator
-from lgmpc.hardware.deployment import DeployedTick, Deployment, DeploymentSettings, Driver, Ending, deploy
+from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
-from lgmpc.robot import Robot
-from lgmpc.runs import Gate, Outcome, Recorder, Verdict, atomic_write
+from lgmpc.runs import Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, TimingSettings
@@ -143,68 +142,57 @@ def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) ->
         friction=config.wbc.friction,
         estimated=False,
     )
-    return _DeploymentSession(
-        robot=robot,
-        controller=controller,
-        rates=rates,
-        recorder=recorder,
-        legs=estimator,
-        driver=driver,
-        limits=config.deployment,
-        gate=config.gate,
-        log_every=config.log_every,
-    )
+    return _DeploymentSession(config, controller, rates, recorder, estimator, driver)
 
 
 @dataclass
 class _DeploymentSession:
     """A :class:`lgmpc.config.session.Session` whose plant is a robot."""
 
-    robot: Robot
+    config: Config
     controller: LeggedController
     rates: Rates
     recorder: Recorder
     legs: LeggedEstimator
     driver: Callable[[int], Driver]
-    limits: DeploymentSettings
-    gate: Gate
-    log_every: int
     deployment: Deployment | None = None
-    nothing: Disturbance = field(default_factory=lambda: Disturbance(np.zeros(6), np.zeros(3)))
 
     @property
     def log_bytes(self) -> int:
         """Size of the log's arrays, B."""
-        return self.recorder.log_bytes(self.log_every)
+        return self.recorder.log_bytes(self.config.log_every)
 
     def run(self, progress: ProgressReport) -> SessionResult:
         """Run until the end of the config's duration, by the robot's clock."""
         # The estimate takes the place of the true state, and a fall does not end the run.
         observer = RunObserver(self.controller, self.recorder, self.rates, progress, monitor=self.legs.monitor)
+        nothing = Disturbance(np.zeros(6), np.zeros(3))
 
         def record(tick: DeployedTick) -> None:
             measured, state = tick.measurement, tick.state
             sample = PlantSample(state.time, state.q, state.v, measured.torques, self.legs.legs.forces)
             torque = tick.command.torque(measured.joints, measured.speeds)
-            observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, self.nothing))
+            observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, nothing))
 
         self.deployment = deploy(
-            self.driver(self.robot.nu),
+            self.driver(self.controller.robot.nu),
             self.controller,
             self.legs,
             period_s=self.rates.period,
             duration_s=self.rates.ticks * self.rates.period,
-            settings=self.limits,
+            settings=self.config.deployment,
             on_tick=record,
         )
         ending = self.deployment.ending
         failure = {Ending.LOST: ending.value, Ending.FAILED: self.deployment.failure}.get(ending, "")
         interrupted = ending is Ending.INTERRUPTED
         log = self.recorder.log()
-        metrics, verdict = judged(log, self.gate, self.robot, interrupted=interrupted, failure=failure)
+        metrics, verdict = judged(
+            log, self.config.gate, self.controller.robot, interrupted=interrupted, failure=failure
+        )
         if self.deployment.too_slow and verdict.outcome is Outcome.FAIL:
             verdict = Verdict(Outcome.FAIL, (*verdict.reasons, self.deployment.too_slow))
-        return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted)
+        return SessionResult(log.decimated(self.config.log_every), metrics, verdict, interrupted)
 
 
 def _figures(deployment: Deployment) -> dict[str, object]:

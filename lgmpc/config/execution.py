@@ -82,6 +82,12 @@ class _Finished:
 
     folder: RunFolder
     result: RunResult | SolveResult
+    signal: Signals | None = field(default=None, kw_only=True)
+
+    @property
+    def exit_code(self) -> int:
+        """The command line's exit code."""
+        return self.result.verdict.exit_code if self.signal is None else Interrupted(self.signal).exit_code
 
     def _repr_html_(self) -> str:
         """Return a table of the verdict and of some figures."""
@@ -115,12 +121,6 @@ class FinishedRun(_Finished):
     result: RunResult
     config: Config = field(repr=False)
     session: SessionResult = field(repr=False)
-    signal: Signals | None = None
-
-    @property
-    def exit_code(self) -> int:
-        """The command line's exit code."""
-        return self.session.verdict.exit_code if self.signal is None else Interrupted(self.signal).exit_code
 
 
 def run_config(
@@ -174,7 +174,7 @@ def run_session(
         with stop.deferred(advance) as report:
             result = session.run(report)
             saved = _save_run(folder, config, result, verify(result))
-    return FinishedRun(folder, saved, config, result, stop.received if result.interrupted else None)
+    return FinishedRun(folder, saved, config, result, signal=stop.received if result.interrupted else None)
 
 
 def _save_run(folder: RunFolder, config: Config, result: SessionResult, origin: Origin | None = None) -> RunResult:
@@ -219,7 +219,6 @@ class FinishedSolve(_Finished):
     result: SolveResult
     outcome: SolveOutcome = field(repr=False)
     scenario: Scenario = field(repr=False)
-    signal: Signals | None = None
 
     @property
     def solution(self) -> Solution:
@@ -235,11 +234,6 @@ class FinishedSolve(_Finished):
     def problem(self) -> ShootingProblem:
         """The optimal control problem."""
         return self.scenario.problem
-
-    @property
-    def exit_code(self) -> int:
-        """The command line's exit code."""
-        return self.outcome.verdict.exit_code if self.signal is None else Interrupted(self.signal).exit_code
 
 
 def solve_config(
@@ -286,7 +280,7 @@ def solve_config(
             )
             folder.write_result(saved)
     interrupted = outcome.verdict.outcome is Outcome.INTERRUPTED
-    return FinishedSolve(folder, saved, outcome, session.scenario, stop.received if interrupted else None)
+    return FinishedSolve(folder, saved, outcome, session.scenario, signal=stop.received if interrupted else None)
 
 
 def _simulated(now: Progress) -> tuple[float, str]:

@@ -26,8 +26,7 @@ from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
 from lgmpc.problems import AnyProblemSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.runs import Gate, LogSettings, SolveGate
-from lgmpc.settings import NonNegative, Positive, Problem, Settings, problem, problems
-from lgmpc.settings.base import Words
+from lgmpc.settings import NonNegative, Positive, Problem, Settings, Words, problem, problems
 from lgmpc.settings.dotted import leaves
 from lgmpc.simulation.disturbances import Push
 from lgmpc.simulation.drives import TimingSettings

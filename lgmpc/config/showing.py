@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from lgmpc.config.loading import parse_any_config, parse_config, parse_solve_config
+from lgmpc.config.loading import parse_any_config
 from lgmpc.config.robots import build_any_robot, joint_limits
-from lgmpc.config.schema import Config
 from lgmpc.config.solving import solution_as_run
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
-from lgmpc.runs import Outcome, Run, SolvedRun, SolveGate, TrajectoryLog, load_run
+from lgmpc.runs import Outcome, Run, SolvedRun, TrajectoryLog, load_run
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
@@ -207,7 +206,7 @@ def _explained_solve(run: SolvedRun) -> SolveExplanation:
         if rejected:
             summary.append(f"no step was accepted in {rejected} of the iterations")
     summary += result.explanation.splitlines()
-    bounds = _solve_gate(run).bounds
+    bounds = _config_of(run).gate.bounds
     nearest = [figure_margin(key, result.figures[figure_of(key)], limit) for key, limit in bounds.items()]
     nearest = sorted((*nearest, *_controls(log)), key=lambda each: -each.used)
     return SolveExplanation(result.name, result.verdict.outcome, result.verdict.reasons, tuple(summary), tuple(nearest))
@@ -244,7 +243,7 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
     loaded = _load(run)
     robot = _robot_of(loaded)
     if isinstance(loaded, SolvedRun):
-        page = solve_report(robot, loaded, _solve_gate(loaded).bounds)
+        page = solve_report(robot, loaded, _config_of(loaded).gate.bounds)
     else:
         gate, ground = _config_of(loaded).gate, _ground_of(loaded)
         page = run_report(robot, loaded, gate, _explained(loaded, robot), ground)
@@ -258,15 +257,12 @@ def _explained(run: Run, robot: Robot) -> Explanation:
 
 def _ground_of(run: Run) -> World:
     config = _config_of(run)
-    return make_world(config.world, config.plant.friction, config.seed)
+    return make_world(config.world, config.plant.friction)
 
 
-def _config_of(run: Run) -> Config:
-    return parse_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path)
-
-
-def _solve_gate(run: SolvedRun) -> SolveGate:
-    return parse_solve_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path).gate
+def _config_of(run: Run | SolvedRun) -> Any:
+    """Return the config of a run: of a closed loop, or of a problem to solve."""
+    return parse_any_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path)
 
 
 def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:
@@ -274,4 +270,4 @@ def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:
 
 
 def _robot_of(run: Run | SolvedRun) -> Robot:
-    return build_any_robot(parse_any_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path))
+    return build_any_robot(_config_of(run))

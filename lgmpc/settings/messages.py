@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from lgmpc.errors import InputError
-from lgmpc.settings.base import PROBLEM, Problem, Settings, Words
+from lgmpc.settings import PROBLEM, Problem, Settings, Words
 
 __all__ = ["Finding", "find_problems", "first_input_error", "show_value"]
 

@@ -28,7 +28,6 @@ from lgmpc.sweeps.settings import (
     Distribution,
     Factor,
     Horizontal,
-    LogUniform,
     Normal,
     Samples,
     Spaced,
@@ -256,7 +255,7 @@ def _value(distribution: Distribution, u: Array) -> Any:
     if isinstance(distribution, Normal):
         return NormalDist(distribution.mean, distribution.std).inv_cdf(min(max(x, _EDGE), 1.0 - _EDGE))
     low, high = distribution.range
-    if isinstance(distribution, LogUniform):
+    if distribution.kind == "log_uniform":
         return math.exp(math.log(low) + x * math.log(high / low))
     if isinstance(distribution, Uniform):
         return low + x * (high - low)

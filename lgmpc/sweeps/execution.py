@@ -142,7 +142,7 @@ def run_sweep(
             with stop_signals() as stop:
                 if session.now.done < session.now.total:
                     cores = workers or available_cores()
-                    chosen = DaskPool(dask, start_worker, limit, folder) if dask else Pool(cores, start_worker, limit)
+                    chosen = DaskPool(dask, limit, folder) if dask else Pool(cores, start_worker, limit)
                     with chosen as pool:
                         session.run(pool, stop, announce)
         except Interrupted as error:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import faulthandler
 import itertools
-import multiprocessing
 import os
 import socket
 import threading
-import uuid
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import partial
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
 from typing import Any, TypeVar
@@ -41,35 +40,72 @@ class Died(Exception):
     """A task's process ended before the task."""
 
 
-class Children:
-    """Child processes, started (``spawn``) when tasks need them and replaced when they end.
+class Pool:
+    """Child processes of this machine, started (``spawn``) when tasks need them and replaced when they end.
 
-    Each call of :meth:`compute` occupies one process, so that the end of the process is attributed to its task. Calls
-    come from threads, where no signal interrupts: none falls between the start of a process and its registration.
+    A context manager that ends them. Each task occupies one process, so that the end of the process is attributed to
+    it. Threads drive the processes, where no signal interrupts: none falls between the start of a process and its
+    registration.
 
     Args:
+        workers: largest number of processes.
         initialize: called first in each process; importable by name.
         time_limit_s: longest time of a task, s; the start of its process does not count.
     """
 
-    def __init__(self, initialize: Callable[[], None], time_limit_s: float) -> None:
-        self._initialize, self._limit = initialize, time_limit_s
+    def __init__(self, workers: int, initialize: Callable[[], None], time_limit_s: float) -> None:
+        self._workers, self._initialize, self._limit = workers, initialize, time_limit_s
+        self._executor: Executor = ThreadPoolExecutor(workers)
+        self._compute: Callable[..., Any] = self._compute_in_child
         self._lock, self._closed = threading.Lock(), False
         self._all: list[_Child] = []
         self._idle: list[_Child] = []
 
-    def compute(self, function: Callable[[T], R], task: T) -> R:
-        """Return the value of a function of a task, computed in a child process.
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._closed = True
+            for child in self._all:
+                child.process.kill()
+                child.process.join()
+        self._executor.shutdown(wait=False, cancel_futures=True)
+
+    def map(
+        self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
+    ) -> Iterator[tuple[T, R | Exception]]:
+        """Yield each task with the value that the function returned or the exception that it raised, as they finish.
 
         Args:
             function: function of a task; importable by name.
-            task: its argument.
+            tasks: tasks; the next one is drawn when it can be computed at once.
+            workers: largest number of tasks at once; as many as there are processes if not given.
 
-        Raises:
-            Exception: raised by the function.
-            Hung: the task exceeded the time limit.
-            Died: the process ended before the task.
+        Yields:
+            The task and its result. One that did not finish has :class:`Hung` or :class:`Died`.
         """
+        waiting, running = iter(tasks), dict[Future[R], T]()
+        while True:
+            for task in itertools.islice(waiting, max(0, (workers or self._capacity()) - len(running))):
+                running[self._executor.submit(self._compute, function, task)] = task
+            if not running:
+                return
+            # As a list, because Dask computes a finished task again, whose worker ends, while its future is referenced.
+            done = [(running.pop(each), self._result(each)) for each in wait(running, _POLL_S, FIRST_COMPLETED).done]
+            yield from done
+
+    def _capacity(self) -> int:
+        return self._workers
+
+    def _result(self, future: Future[Any]) -> Any:
+        try:
+            return future.result()
+        except Exception as error:
+            return error
+
+    def _compute_in_child(self, function: Callable[[T], R], task: T) -> R:
+        """Return the value of a function of a task, computed in a child process, or raise its exception."""
         child = self._take()
         value, error = child.compute(function, task, self._limit)
         if not child.pipe.closed:
@@ -77,14 +113,6 @@ class Children:
         if error is not None:
             raise error
         return value  # type: ignore[no-any-return]
-
-    def close(self) -> None:
-        """Kill all processes; later tasks raise :class:`Died`."""
-        with self._lock:
-            self._closed = True
-            for child in self._all:
-                child.process.kill()
-                child.process.join()
 
     def _take(self) -> _Child:
         """Return an idle process or a new one; those that ended while they were idle are dropped."""
@@ -158,71 +186,16 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-class Pool:
-    """Child processes of this machine, each driven by a thread; a context manager that ends them.
-
-    Args:
-        workers: largest number of processes.
-        initialize: called first in each process; importable by name.
-        time_limit_s: longest time of a task, s.
-    """
-
-    def __init__(self, workers: int, initialize: Callable[[], None], time_limit_s: float) -> None:
-        self._workers, self._children = workers, Children(initialize, time_limit_s)
-        self._executor: Executor = ThreadPoolExecutor(workers)
-        self._compute: Callable[..., Any] = self._children.compute
-
-    def __enter__(self) -> Pool:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._children.close()
-        self._executor.shutdown(wait=False, cancel_futures=True)
-
-    def map(
-        self, function: Callable[[T], R], tasks: Iterable[T], workers: int | None = None
-    ) -> Iterator[tuple[T, R | Exception]]:
-        """Yield each task with the value that the function returned or the exception that it raised, as they finish.
-
-        Args:
-            function: function of a task; importable by name.
-            tasks: tasks; the next one is drawn when it can be computed at once.
-            workers: largest number of tasks at once; as many as there are processes if not given.
-
-        Yields:
-            The task and its result. One that did not finish has :class:`Hung` or :class:`Died`.
-        """
-        waiting, running = iter(tasks), dict[Future[R], T]()
-        while True:
-            for task in itertools.islice(waiting, max(0, (workers or self._capacity()) - len(running))):
-                running[self._executor.submit(self._compute, function, task)] = task
-            if not running:
-                return
-            # As a list, because Dask computes a finished task again, whose worker ends, while its future is referenced.
-            done = [(running.pop(each), self._result(each)) for each in wait(running, _POLL_S, FIRST_COMPLETED).done]
-            yield from done
-
-    def _capacity(self) -> int:
-        return self._workers
-
-    def _result(self, future: Future[Any]) -> Any:
-        try:
-            return future.result()
-        except Exception as error:
-            return error
-
-
 class DaskPool(Pool):
-    """Child processes of Dask's workers, one for each of their threads.
+    """Dask's workers, each a process of one thread.
 
-    If a worker or its machine ends, Dask computes the task again on another one; after the number of failures that the
-    scheduler allows (``distributed.scheduler.allowed-failures``, 3) the result is :class:`Died`. :meth:`map` raises
-    :class:`lgmpc.errors.ClusterError` if the connection to the scheduler is lost, or if a worker has no access to the
-    folder or other versions of packages.
+    If a worker ends (killed, its machine lost, or a task exceeds the time limit), Dask computes the task again; after
+    the number of failures that the scheduler allows (``distributed.scheduler.allowed-failures``, 3) the result is
+    :class:`Died`. :meth:`map` raises :class:`lgmpc.errors.ClusterError` if the connection to the scheduler is lost, or
+    if a worker has no access to the folder or other versions of packages.
 
     Args:
         address: address of the scheduler, such as ``tcp://host:8786``.
-        initialize: called first in each process; importable by name.
         time_limit_s: longest time of a task, s.
         folder: folder of the sweep, on a file system that the workers share.
 
@@ -231,7 +204,7 @@ class DaskPool(Pool):
         MissingDependencyError: distributed is not installed.
     """
 
-    def __init__(self, address: str, initialize: Callable[[], None], time_limit_s: float, folder: Path) -> None:
+    def __init__(self, address: str, time_limit_s: float, folder: Path) -> None:
         try:
             import distributed
         except ImportError as error:
@@ -243,20 +216,18 @@ class DaskPool(Pool):
             expected = f"the address of a running scheduler, such as tcp://host:8786 ({error})"
             raise InputError("dask", address, expected) from error
         self._executor, self._killed = self._client.get_executor(pure=False), distributed.KilledWorker
-        self._remote = _Remote(uuid.uuid4().hex, initialize, time_limit_s, folder.resolve(), dict(versions()))
-        self._compute = self._remote.compute
+        self._compute = partial(_compute_there, time_limit_s, folder.resolve(), dict(versions()))
 
     def __exit__(self, *_: object) -> None:
-        with suppress(Exception):  # without a scheduler there is no worker to end
+        with suppress(Exception):  # the scheduler may be gone
             self._executor.shutdown(wait=False)
-            self._client.run(_end_processes, self._remote.session)
-        self._client.close()
+            self._client.close()
 
     def _capacity(self) -> int:
-        """Return the number of tasks that the present workers compute at once; 1 before the first worker."""
+        """Return the number of present workers; 1 before the first one."""
         if self._client.status != "running":
             raise _lost()
-        return max(1, sum(map(int, self._client.nthreads().values())))
+        return max(1, len(self._client.nthreads()))
 
     def _result(self, future: Future[Any]) -> Any:
         result = super()._result(future)
@@ -265,7 +236,9 @@ class DaskPool(Pool):
         if isinstance(result, ClusterError):
             raise result
         if isinstance(result, self._killed):
-            return Died("every worker that computed it ended: killed, its machine lost, or out of memory")
+            return Died(
+                "every worker that computed it ended: killed, its machine lost, or still computing at time_limit_s"
+            )
         return result
 
 
@@ -273,50 +246,24 @@ def _lost() -> ClusterError:
     return ClusterError("the connection to the Dask scheduler is lost: the same command with --resume continues")
 
 
-@dataclass(frozen=True)
-class _Remote:
-    """The data that a worker requires to compute tasks.
+def _compute_there(limit_s: float, folder: Path, wanted: dict[str, str], function: Callable[[T], R], task: T) -> R:
+    """Compute a task in this worker, which ends if it still computes at the time limit.
 
-    Attributes:
-        session: identifier of the pool.
-        initialize: as in :class:`Children`, and so is the next one.
-        time_limit_s: longest time of a task, s.
-        folder: folder that the worker must share with the process that runs the sweep.
-        versions: versions of packages that both must have, by name.
+    Raises:
+        ClusterError: the worker lacks the folder, or has other versions of packages; names them.
     """
-
-    session: str
-    initialize: Callable[[], None]
-    time_limit_s: float
-    folder: Path
-    versions: dict[str, str]
-
-    def compute(self, function: Callable[[T], R], task: T) -> R:
-        """Compute a task in a child process of this worker."""
-        with _lock:
-            if self.session not in _children:
-                self._check()
-                multiprocessing.current_process().daemon = False  # Dask's are daemons, which could start no process
-                _children[self.session] = Children(self.initialize, self.time_limit_s)
-        return _children[self.session].compute(function, task)
-
-    def _check(self) -> None:
-        """Raise ClusterError, which names the folder or the versions that differ."""
-        worker, here = f"the worker on {socket.gethostname()}", versions()
-        if not self.folder.is_dir():
-            raise ClusterError(f"{worker} has no folder {self.folder}: choose a shared folder with --out")
-        others = {name: wanted for name, wanted in self.versions.items() if here.get(name) != wanted}
-        if others:
-            words = (f"{name} {here.get(name, 'none')} instead of {wanted}" for name, wanted in others.items())
-            raise ClusterError(f"{worker} has other versions: {', '.join(words)}")
-
-
-_lock = threading.Lock()
-_children: dict[str, Children] = {}
-"""The processes of each session, in a worker."""
-
-
-def _end_processes(session: str) -> None:
-    """Kill the processes of a session in this worker."""
-    if session in _children:
-        _children.pop(session).close()
+    worker, here = f"the worker on {socket.gethostname()}", versions()
+    if not folder.is_dir():
+        raise ClusterError(f"{worker} has no folder {folder}: choose a shared folder with --out")
+    others = [
+        f"{name} {here.get(name, 'none')} instead of {wanted[name]}"
+        for name in wanted
+        if here.get(name) != wanted[name]
+    ]
+    if others:
+        raise ClusterError(f"{worker} has other versions: {', '.join(others)}")
+    faulthandler.dump_traceback_later(limit_s, exit=True, file=2)
+    try:
+        return function(task)
+    finally:
+        faulthandler.cancel_dump_traceback_later()

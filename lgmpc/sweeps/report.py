@@ -14,7 +14,7 @@ from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY, read_rows
 from lgmpc.sweeps.rows import Row, place
 from lgmpc.sweeps.settings import Directions
 from lgmpc.sweeps.summary import Summary, summarize
-from lgmpc.sweeps.tables import group_table, level_table, pairing_table, point_table, search_words
+from lgmpc.sweeps.tables import point_table, search_words, summary_tables
 from lgmpc.viz.figure_files import Drawing, draw_figures
 from lgmpc.viz.page import write_page
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
@@ -112,12 +112,7 @@ def _levels(sweep: Sweep, key: str) -> set[str]:
 
 
 def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[str]:
-    metrics = sweep.settings.metrics
-    found = [table(*group_table(summary, metrics))]
-    if summary.levels:
-        found.append(table(*level_table(summary)))
-    if summary.pairings:
-        found.append(table(*pairing_table(summary, metrics)))
+    found = [table(*each) for each in summary_tables(summary, sweep.settings.metrics)]
     told = [search_words(sweep, rows), *(f"{count} x {reason}" for reason, count in summary.broken.items())]
     yield section("Results", *found, words(each for each in told if each))
     drawing = sweep_drawing(sweep, rows, summary)

@@ -31,7 +31,6 @@ __all__ = [
     "Horizontal",
     "Keys",
     "LogChoice",
-    "LogUniform",
     "Normal",
     "Samples",
     "Spaced",
@@ -83,21 +82,16 @@ class Directions(_Factor):
 
 
 class Uniform(_Factor):
-    """Numbers of a uniform distribution."""
+    """Numbers of a uniform distribution, or numbers whose logarithms have one."""
 
-    kind: Literal["uniform"] = Field(description="Uniformly distributed numbers.")
-    range: Range = Field(description="[lowest, highest].")
-
-
-class LogUniform(_Factor):
-    """Numbers whose logarithms are uniformly distributed."""
-
-    kind: Literal["log_uniform"] = Field(description="Numbers whose logarithms are uniformly distributed.")
-    range: Range = Field(description="[lowest, highest], above zero.")
+    kind: Literal["uniform", "log_uniform"] = Field(
+        description="uniform: uniformly distributed numbers; log_uniform: numbers whose logarithms are."
+    )
+    range: Range = Field(description="[lowest, highest]; above zero for log_uniform.")
 
     @model_validator(mode="after")
-    def _positive(self) -> LogUniform:
-        if self.range[0] <= 0.0:
+    def _positive(self) -> Uniform:
+        if self.kind == "log_uniform" and self.range[0] <= 0.0:
             raise problem("[lowest, highest] above zero", key="range", got=self.range)
         return self
 
@@ -125,7 +119,7 @@ class Horizontal(_Factor):
 
 
 Factor = Annotated[Union[Values, Spaced, Directions], Field(discriminator="kind")]  # noqa: UP007
-_Any = Union[Uniform, LogUniform, Normal, Choice, Horizontal]  # noqa: UP007
+_Any = Union[Uniform, Normal, Choice, Horizontal]  # noqa: UP007
 Distribution = Annotated[_Any, Field(discriminator="kind")]
 
 

@@ -10,7 +10,7 @@ from lgmpc.sweeps.design import Sweep
 from lgmpc.sweeps.rows import Estimate, Row
 from lgmpc.sweeps.summary import Group, Summary, level_text
 
-__all__ = ["TextTable", "group_table", "level_table", "pairing_table", "point_table", "search_words"]
+__all__ = ["TextTable", "group_table", "level_table", "point_table", "search_words", "summary_tables"]
 
 _MOST_METRICS = 4
 _USUAL = ("survived_s", "max_tilt_deg")
@@ -22,6 +22,12 @@ class TextTable(NamedTuple):
 
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
+
+def summary_tables(summary: Summary, metrics: tuple[str, ...] | None) -> list[TextTable]:
+    """Return the tables of groups, of levels and of pairs, those that have rows."""
+    found = [group_table(summary, metrics), level_table(summary), _pairing_table(summary, metrics)]
+    return [each for i, each in enumerate(found) if each.rows or i == 0]
 
 
 def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
@@ -47,7 +53,7 @@ def level_table(summary: Summary) -> TextTable:
     return TextTable(("factor", "level", *labels, "points", "passed"), rows)
 
 
-def pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
+def _pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
     """Return the paired differences of each variant to the first one."""
     shown = ("passed", "boundary", *(metrics or _USUAL))
     rows = tuple(

@@ -15,8 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 from typing_extensions import Self
 
-from lgmpc.settings import Finite, Problem, problem, problems
-from lgmpc.settings.base import Words
+from lgmpc.settings import Finite, Problem, Words, problem, problems
 from lgmpc.world.kinds import (
     MOST_BOXES,
     OF_WORLD,

@@ -63,7 +63,7 @@ ARROWS: dict[str, str] = {
     "config.robots": "robot world locomotion control simulation runs",
     "config.build": f"{_PARTS} world simulation control runs",
     "config.solving": "actions ocp problems robot runs solvers",
-    "config.closed_loop": f"{_PARTS} simulation control runs",
+    "config.closed_loop": f"{_PARTS} world simulation control runs",
     "config.deploying": f"{_PARTS} world simulation control hardware runs",
     "config.continuing": "runs",
     "config.extensions": "costs mpc robot wbc",

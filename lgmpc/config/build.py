@@ -243,6 +243,7 @@ def _build_session(
         gate=config.gate,
         after_fall_s=math.inf if config.after_fall_s is None else config.after_fall_s,
         simulated=config.plant,
+        world=world,
         sensing=_build_sensing(config, robot, estimator),
         hardware=_build_hardware(config, plant, controller, estimator),
         estimator=estimator,

@@ -21,6 +21,7 @@ from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
+from lgmpc.runs.ground import ground_below, leg_length
 from lgmpc.runs.log import CONTACT_STATES, MODES, tilt_deg
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.balances import momentum_and_energy
@@ -31,6 +32,7 @@ from lgmpc.simulation.plant import Plant
 from lgmpc.status import Status
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
+from lgmpc.world import World
 
 __all__ = ["ClosedLoopSession", "RunObserver", "failed", "judged"]
 
@@ -95,6 +97,7 @@ class ClosedLoopSession:
         gate: the criteria of success.
         after_fall_s: time recorded after a fall, s; inf: to the end of the run.
         simulated: parameters in which the simulated robot differs from the controller's model.
+        world: the world of the simulated robot.
         sensing: source of the controller's state; None for the plant's true state without delay.
         hardware: drives and delays that commands pass through, and computing times.
         estimator: estimator of the state from the measurements; None if the controller receives the true state.
@@ -113,6 +116,7 @@ class ClosedLoopSession:
     gate: Gate
     after_fall_s: float
     simulated: PlantSettings
+    world: World
     sensing: Sensing | TrueState | None = None
     hardware: Hardware | None = None
     estimator: LeggedEstimator | None = None
@@ -204,6 +208,7 @@ class ClosedLoopSession:
             friction=self.simulated.friction,
             effort_limit=real_effort_limit(self.robot, self.simulated),
             mass=self.simulated.mass_scale * self.robot.mass + self.simulated.base_added_mass_kg,
+            world=self.world,
         )
 
     def _certificate(self, log: RunLog) -> Certificate | None:
@@ -317,16 +322,16 @@ class RunObserver:
             failed = int(not plan.status.fresh)
             self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, report.plan_ms)
         if tick.number % self._every == 0 or tick.number == self._last:
-            self._show(sample.time, sample.q, report.mode)
+            self._show(sample.time, sample.q, sensed.contact_points, report.mode)
         return sample.time < self.fell_s + self._after_fall
 
-    def _show(self, time: float, q: Array, mode: Mode) -> None:
+    def _show(self, time: float, q: Array, contact_points: Array, mode: Mode) -> None:
         elapsed = perf_counter() - self._started
         self._from = time if math.isnan(self._from) else self._from
         base = q[None, :7]
-        normal = self._world.normal(base[:, :2])
+        below, normal = ground_below(self._world, base[:, :3], leg_length(base[:, :3], contact_points[None]))
         tilt = float(tilt_deg(base[:, 3:], self._upright, normal)[0])
-        height = (q[2] - self._world.height(base[:, :2])[0]) * normal[0, 2]
+        height = (q[2] - below[0]) * normal[0, 2]
         if self.fell_s == math.inf and mode not in _LOW and (height < self._lowest or tilt > FALL_TILT_DEG):
             self.fell_s = time
             end = min(time + self._after_fall, self._duration)

@@ -15,7 +15,7 @@ from lgmpc.errors import RunFolderError
 from lgmpc.lie import quaternion
 from lgmpc.notebook import html_table
 from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of
-from lgmpc.runs.ground import along_ground, level_ground
+from lgmpc.runs.ground import along_ground, foot_centres, level_ground
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = [
@@ -48,10 +48,13 @@ CONTACT_FORCE_N = 0.1
 
 
 _tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
-OPTIONAL = ("step", "estimate", "fault", "friction", "forecast", "limit")
+OPTIONAL = ("step", "estimate", "fault", "friction", "forecast", "limit", "surface")
 """Tables of runs with steps, with an estimator, with monitored sensors, with estimated joint friction, with forecasts
-of steps against pushes, and of continued runs whose floor or torque limits changed."""
-_step, _estimate, _fault, _friction, _forecast, _limit = (partial(channel, name, optional=True) for name in OPTIONAL)
+of steps against pushes, of continued runs whose floor or torque limits changed, of ground with several coefficients of
+friction."""
+_step, _estimate, _fault, _friction, _forecast, _limit, _surface = (
+    partial(channel, name, optional=True) for name in OPTIONAL
+)
 _entry = partial(channel, "entry")
 
 
@@ -93,6 +96,7 @@ class RunLog(ArrayFile):
         forecast_ms: (n,) duration of forecasts of steps against a push, ms; None without such steps.
         floor_friction: (n,) friction coefficient of the plant's floor; None, like the torque limits, if neither changed
             during the run.
+        contact_friction: (n, nc) coefficients of the ground at the contact points; None if all of it has one.
         torque_limits: (n, nu) torque limits that the plant clips at, N.m.
         effort_limit: (nu,) torque limits that the plant clips at, at the end, N.m.
         friction: friction coefficient of the plant's floor at the end.
@@ -161,6 +165,7 @@ class RunLog(ArrayFile):
     forecast_ms: Array | None = _forecast(unit="ms")
     floor_friction: Array | None = _limit()
     torque_limits: Array | None = _limit("nu", unit="N.m")
+    contact_friction: Array | None = _surface("nc")
     contact_frames: NDArray[np.str_] = _entry("nc", dtype=np.str_)
     effort_limit: Array = _entry("nu", unit="N.m")
     joint_names: NDArray[np.str_] = _entry("nu", dtype=np.str_)
@@ -252,8 +257,14 @@ class RunLog(ArrayFile):
     @cached_property
     def friction_limits(self) -> Array:
         """(n, nc) largest parts along the ground within the friction cones, N."""
-        limits: Array = self.friction_over_time[:, None] * np.maximum(self.normal_forces, 0.0)
+        friction = self.friction_over_time[:, None] if self.contact_friction is None else self.contact_friction
+        limits: Array = friction * np.maximum(self.normal_forces, 0.0)
         return limits
+
+    @cached_property
+    def foot_centres(self) -> Array:
+        """(n, nc, 3) centres of the spherical feet, m: they do not jump where a foot touches another surface."""
+        return foot_centres(self.contact_points, self.contact_normals, self.contact_radius)
 
     @property
     def closed(self) -> BoolArray:

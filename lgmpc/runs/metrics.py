@@ -133,6 +133,8 @@ def tilt_and_yaw_deg(estimate: Array, truth: Array) -> tuple[Array, Array]:
 
 CONTACT_GAP_S = 0.02
 """A contact that opens for a shorter time, s, remains one stance, and so does its slip."""
+_STANDING = 0.5
+"""Vertical component of the ground's normal above which a foot stands on it; on steeper ground it strikes a riser."""
 
 
 @dataclass(frozen=True)
@@ -253,7 +255,7 @@ def compute_metrics(
     torque = np.abs(log.tau)
     saturated = torque >= (1.0 - 1e-9) * log.effort_limit_over_time
     margins = (log.friction_limits - log.tangential_forces)[log.closed]
-    from_start = along_ground(log.contact_points - log.contact_points[:1], log.contact_normals[:1])
+    from_start = along_ground(log.foot_centres - log.foot_centres[:1], log.contact_normals[:1])
     steady = log.time >= steady_from_s
     com_error = np.linalg.norm(log.com - log.com_reference, axis=1)[steady]
     return Metrics(
@@ -328,11 +330,12 @@ def rpy_deg(quaternion: Array) -> Array:
 def slide(log: RunLog) -> Array:
     """Return (n, nc) displacements of the feet along the ground since the start of their present stance, m.
 
-    A stance is an interval of closed contact; gaps shorter than 20 ms do not end it. In the air they are 0.
+    A stance is an interval of closed contact with ground less steep than 60 degrees; gaps shorter than 20 ms do not end
+    it. Otherwise they are 0.
     """
-    closed, moved = log.closed, np.zeros(log.closed.shape)
+    closed, moved = log.closed & (log.contact_normals[..., 2] > _STANDING), np.zeros(log.closed.shape)
     for foot in range(closed.shape[1]):
-        points, normals = log.contact_points[:, foot], log.contact_normals[:, foot]
+        points, normals = log.foot_centres[:, foot], log.contact_normals[:, foot]
         for a, b in joined_intervals(log.time, closed[:, foot], CONTACT_GAP_S):
             moved[a:b, foot] = along_ground(points[a:b] - points[a], normals[a])
     return moved

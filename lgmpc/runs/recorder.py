@@ -14,7 +14,7 @@ from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.runs.channels import Channel, channels_of
-from lgmpc.runs.ground import ground_channels
+from lgmpc.runs.ground import friction_channel, ground_channels
 from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, OPTIONAL, RunLog
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
@@ -81,6 +81,7 @@ class Recorder:
         **entries: Any,
     ) -> None:
         self.world = World() if world is None else world
+        self._worlds = [(0, self.world)]
         for name, value in (("ticks", ticks), ("mpc_nodes", mpc_nodes), ("mpc_updates", mpc_updates)):
             if value < 0:
                 raise InputError(name, value, "a number that is not negative")
@@ -147,9 +148,10 @@ class Recorder:
         """
         self._updates.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
-    def set_limits(self, *, friction: float, effort_limit: ArrayLike, mass: float) -> None:
+    def set_limits(self, *, friction: float, effort_limit: ArrayLike, mass: float, world: World | None = None) -> None:
         """Change floor, torque limits and mass from the next tick on; units as in the constructor."""
         self._limits.append((self.ticks, friction, np.array(effort_limit, dtype=np.float64)))
+        self._worlds.append((self.ticks, self.world if world is None else world))
         self._entries["mass_kg"] = mass
 
     def log_bytes(self, every: int = 1) -> int:
@@ -162,7 +164,10 @@ class Recorder:
         ticks = self._ticks.columns()
         base = ticks["q"][:, :3] if self._entries["floating_base"] else np.zeros((self.ticks, 3))
         points, normals = ticks["contact_points"], ticks["contact_normals"]
-        ticks |= ground_channels(self.world, self._entries["contact_radius"], base, points, normals)
+        radius, forces = self._entries["contact_radius"], ticks["contact_forces"]
+        ticks |= ground_channels(self.world, radius, base, points, normals, forces)
+        friction = friction_channel(self._worlds, ticks["contact_points"])
+        ticks |= {} if friction is None else {"contact_friction": friction}
         _, mu, effort = self._limits[-1]
         if any(each != mu or not np.array_equal(limit, effort) for _, each, limit in self._limits):
             ticks |= {"floor_friction": np.empty(self.ticks), "torque_limits": np.empty((self.ticks, len(effort)))}

@@ -207,7 +207,7 @@ def _cost_of_transport(walk: _Walk) -> float | None:
 def _scuff(walk: _Walk) -> float:
     """Return the largest sum of a foot's displacements in one swing between ticks at which the ground pushes it, m."""
     sliding = (walk.states == CONTACT_STATES.index("swing")) & walk.log.closed
-    distance = along_ground(np.diff(walk.log.contact_points, axis=0), walk.log.contact_normals[1:])
+    distance = along_ground(np.diff(walk.log.foot_centres, axis=0), walk.log.contact_normals[1:])
     distance = np.where(sliding[1:] & sliding[:-1], distance, 0.0)
     longest = 0.0
     for foot in range(distance.shape[1]):

@@ -14,7 +14,7 @@ from lgmpc.robot.lying import lowest_point, lying_posture
 from lgmpc.robot.posture import put_on_ground
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.typing import Array
-from lgmpc.world import Plane, World
+from lgmpc.world import World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -63,7 +63,7 @@ def _check_start(robot: Robot, q: Array, world: World) -> None:
     legs = float(robot.q_reference[2])
     if height > legs:
         raise InputError(key, height, f"at most {legs:.3g}, m, the height at which {robot.name} stands")
-    if world.surfaces == world.surfaces[:1] and isinstance(world.surfaces[0], Plane):
+    if world.planar:
         return
     data = robot.create_data()
     pin.framesForwardKinematics(robot.model, data, q)

@@ -54,9 +54,6 @@ class Ground(Settings):
     height_m: Place = Field(default=0.0, description="Height of the ground at the world's origin, m.")
     start_m: Vector2 = Field(default=(0.0, 0.0), description="Where the robot starts, [x, y], m.")
     start_yaw_deg: Finite = Field(default=0.0, description="Heading of the robot at the start, degrees.")
-    friction: Friction | None = Field(
-        default=None, description="Coulomb coefficient of the ground; null: plant.friction."
-    )
     contact_time_s: Annotated[Positive, Field(ge=0.002, le=1.0)] = Field(
         default=RIGID_S,
         description="Time constant of contacts with the ground in MuJoCo, s; larger is softer. plant.kind: pinocchio"
@@ -64,7 +61,7 @@ class Ground(Settings):
     )
 
 
-OF_WORLD = frozenset(Ground.model_fields) - {"friction"} | {"ahead_m", "width_m", "seed"}
+OF_WORLD = frozenset(Ground.model_fields) | {"ahead_m", "width_m", "seed"}
 """Keys of a whole world, that a part of a course does not have."""
 
 
@@ -82,6 +79,10 @@ class Laid(Ground):
 
 class Part(Laid):
     """One part of the ground."""
+
+    friction: Friction | None = Field(
+        default=None, description="Coulomb coefficient of this part; null: that of all the ground, plant.friction."
+    )
 
     @abstractmethod
     def lay(self, layout: Layout, friction: float) -> None:

@@ -151,10 +151,9 @@ def make_world(settings: AnyWorld, friction: float, seed: int = 0) -> World:
 
     Args:
         settings: section ``world``.
-        friction: Coulomb coefficient of the ground that has none of its own.
+        friction: Coulomb coefficient of the ground, where a part has none of its own.
         seed: of what is random, unless the settings have one.
     """
-    friction = friction if settings.friction is None else settings.friction
     start, yaw = settings.start_m, math.radians(settings.start_yaw_deg)
     if isinstance(settings, FloorSettings):
         plane = Plane((0.0, 0.0, settings.height_m), coefficient=friction)

@@ -66,6 +66,11 @@ class World:
         others = [each for each in self.surfaces if not isinstance(each, Box)]
         return (*others, Boxes(boxes)) if boxes else tuple(others)
 
+    @property
+    def planar(self) -> bool:
+        """Whether the ground is a single plane."""
+        return len(self.surfaces) == 1 and isinstance(self.surfaces[0], Plane)
+
     def height(self, points: Array) -> Array:
         """Return (n,) heights of the ground below points (n, 2), m; -inf where there is none."""
         top: Array = self._heights(points).max(axis=0)
@@ -85,8 +90,8 @@ class World:
         The ground below the foot deviates by less than a fifth of the radius from its tangent plane, which is less
         steep than 45 degrees. It is examined at 32 points, so a corner may reach into the radius by 2 % of it.
         """
-        if len(self.layers) == 1 and isinstance(self.layers[0], Plane):
-            return self.layers[0].steppable(points, radius)
+        if self.planar:
+            return np.ones(len(points), dtype=np.bool_)
         height, normal = self.height(points), self.normal(points)
         around = radius * _RINGS
         found = self.height((points[:, None] + around).reshape(-1, 2)).reshape(len(points), -1)
@@ -107,7 +112,7 @@ class World:
         Distances from boxes are exact up to 15 cm; farther away the height above the ground is an upper bound.
         """
         found = [layer.distance(points) for layer in self.layers]
-        if len(found) == 1 and isinstance(self.layers[0], Plane):
+        if self.planar:
             return found[0]
         distances, normals = np.array([each[0] for each in found]), np.array([each[1] for each in found])
         nearest, column = distances.argmin(axis=0), np.arange(len(points))
@@ -127,7 +132,7 @@ class World:
             radii: (n,) m.
             margin: distance between sphere and surface below which there is a contact, m; with a radius at most 15 cm.
         """
-        if len(self.layers) == 1 and isinstance(self.layers[0], Plane):
+        if self.planar:
             return self.layers[0].contacts(points, radii + margin)
         # A point that has sunk in is below the edges of seams: their sides are told from walls a little above it.
         lift = np.zeros_like(points)

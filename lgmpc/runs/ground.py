@@ -141,7 +141,7 @@ def _pressing_normal(normals: Array, friction: Array, force: Array) -> Array | N
     needs more friction than there is but another does not, the direction is that for which all friction is used.
     """
     shares, _ = nnls(normals.T, force)
-    total = shares @ normals
+    total: Array = shares @ normals
     size, length = float(np.linalg.norm(total)), float(np.linalg.norm(force))
     if not size > 0.0:
         return None

@@ -10,7 +10,7 @@ from lgmpc.errors import InputError
 __all__ = ["differing", "leaves", "write_at"]
 
 _NAMED = ("world",)
-"""Sections for which the name of their kind stands."""
+"""Sections for which the name of their kind stands, or a list of kinds in a row."""
 
 
 def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -> list[str]:
@@ -41,6 +41,8 @@ def write_at(data: dict[str, Any], key: str, value: Any, defaults: Any = None) -
         inner = here.get(where) if isinstance(here, dict) else here[where]
         if path in _NAMED and isinstance(inner, str):
             inner = {"kind": inner}
+        elif path in _NAMED and isinstance(inner, (list, tuple)) and not parts[depth + 1].isdecimal():
+            inner = {"kind": "course", "parts": list(inner)}
         if inner is None and isinstance(defaults, (list, tuple)):
             inner = defaults
         elif inner is None:

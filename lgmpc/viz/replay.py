@@ -30,7 +30,7 @@ from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.series import friction_words
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
-from lgmpc.world import Terrain, World
+from lgmpc.world import World
 
 __all__ = ["replay_page"]
 
@@ -67,7 +67,7 @@ _FACTS_OF_WALKING = {
 _Content = dict[str, object]
 
 
-def replay_page(robot: Robot, run: Run | SolvedRun, ground: Terrain | None = None) -> str:
+def replay_page(robot: Robot, run: Run | SolvedRun, ground: World | None = None) -> str:
     """Return the page's HTML.
 
     Args:
@@ -98,7 +98,7 @@ def replay_page(robot: Robot, run: Run | SolvedRun, ground: Terrain | None = Non
     return page_of(f"{result.name} · lgmpc replay", scene, content)
 
 
-def _add_run(scene: Scene, robot: Robot, run: Run, ground: Terrain) -> _Content:
+def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
     """Add a closed loop to the scene, and return the contents of the page's panels."""
     log = run.log
     if log.finite_ticks == 0:
@@ -133,7 +133,7 @@ def _weight(robot: Robot) -> float:
     return robot.mass * float(np.linalg.norm(robot.gravity))
 
 
-def _bounds(body: Body, q: Array, base: Array, ground: Terrain) -> tuple[Array, Array]:
+def _bounds(body: Body, q: Array, base: Array, ground: World) -> tuple[Array, Array]:
     """Return the corners of the robot's bounding box at the start, extended to its base's largest height above ground.
 
     A robot that starts on its belly is then also in the picture when it stands.
@@ -230,7 +230,7 @@ def _legend(scene: Scene, scale: Scale, **notes: str) -> list[_Content]:
     return [*entries, _SEE_THROUGH]
 
 
-def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: Terrain) -> _Content:
+def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: World) -> _Content:
     """Add a solved trajectory to the scene, and return the contents of the page's panels."""
     log = run.trajectory
     if not log.finite:

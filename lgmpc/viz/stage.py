@@ -7,16 +7,24 @@ import math
 import numpy as np
 
 from lgmpc.lie import quaternion
+from lgmpc.runs.ground import ground_below
 from lgmpc.typing import Array
 from lgmpc.viz.marks import turns_to
-from lgmpc.viz.mesh import disc
+from lgmpc.viz.mesh import disc, shade
 from lgmpc.viz.scene import Material, Scene
-from lgmpc.world import Plane, Terrain
+from lgmpc.world import Box, Plane, World
 
 __all__ = ["FLOOR_COLOR", "add_stage", "frame_camera"]
 
 FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the fog."""
+
+BOX_COLOR, SLIPPERY_COLOR, EDGE_COLOR = 0xD3D9E0, 0xB4D3E8, 0x8D98A5
+"""Colours of the ground that stands on the floor."""
+_SMOOTHED = 40
+"""Pictures over which the camera's height above uneven ground is averaged: about a second."""
+_SLIPPERY = 0.6
+"""Slippery ground has less than this share of the largest coefficient of friction."""
 
 _FIELD_OF_VIEW_DEG = 32.0
 _ASPECT = 1.6  # width over height of a typical window
@@ -25,7 +33,7 @@ _AZIMUTHS_DEG = (38.0, -38.0, 142.0, -142.0)
 
 
 def add_stage(
-    scene: Scene, lowest: Array, highest: Array, travel: Array, ground: Terrain | None = None
+    scene: Scene, lowest: Array, highest: Array, travel: Array, ground: World | None = None
 ) -> tuple[float, float]:
     """Add floor, grid, lights and background for a robot between two corners whose base moves along ``travel``.
 
@@ -34,7 +42,7 @@ def add_stage(
         lowest: (3,) lowest corner of the robot at the start, m.
         highest: (3,) highest corner, m.
         travel: (k, 3) base positions, m.
-        ground: a plane; the level floor at height 0 unless given.
+        ground: of the run; the level floor at height 0 unless given.
 
     Returns:
         Distances from the camera at which fog begins and is opaque, m.
@@ -49,9 +57,10 @@ def add_stage(
         scene.set(f"/{name}", "visible", False)
 
     # Unlit, so that it is evenly bright to the horizon; a disc that shows shadows only is drawn over it.
-    ground = Plane() if ground is None else ground
-    normal, (origin, below) = ground.normal(middle[None, :2]), ground.height(np.array([[0.0, 0.0], middle[:2]]))
-    turn = turns_to(normal)[0]
+    ground = World() if ground is None else ground
+    floor = next((each for each in ground.surfaces if isinstance(each, Plane)), Plane())
+    origin, below = floor.height(np.array([[0.0, 0.0], middle[:2]]))
+    turn = turns_to(np.array([floor.normal_vector]))[0]
     scene.place("/floor", [0.0, 0.0, origin], turn)
     along, left, _ = quaternion.act(quaternion.inverse(turn), np.array([middle[0], middle[1], below - origin]))
     scene.add_mesh("/floor/ground", disc(4.0 * reach), Material(FLOOR_COLOR, flat=True))
@@ -63,6 +72,8 @@ def add_stage(
     for name, spacing, color in (("fine", cell, 0xCBD3DC), ("coarse", 5.0 * cell, 0x9FABB8)):
         scene.add_segments(f"/floor/{name}", _grid(spacing, reach), color)
         scene.place(f"/floor/{name}", [*(spacing * np.round(np.array([along, left]) / spacing)), 0.0])
+
+    _add_solids(scene, ground, cell)
 
     # The replay moves the lights with the camera.
     start = travel[0]
@@ -80,8 +91,35 @@ def add_stage(
     return 2.0 * size, 6.5 * size
 
 
+def _add_solids(scene: Scene, ground: World, cell: float) -> None:
+    """Add the boxes of the ground with their edges, one object for each colour; slippery ones are bluish."""
+    boxes = [each for each in ground.surfaces if isinstance(each, Box)]
+    usual = max((each.coefficient for each in ground.surfaces), default=0.0)
+    for name, color, chosen in (
+        ("boxes", BOX_COLOR, [each for each in boxes if each.coefficient > _SLIPPERY * usual]),
+        ("slippery", SLIPPERY_COLOR, [each for each in boxes if each.coefficient <= _SLIPPERY * usual]),
+    ):
+        if not chosen:
+            continue
+        corners = np.concatenate([each.corners for each in chosen])
+        first = 8 * np.arange(len(chosen))[:, None, None]
+        # Sides share no vertex with another box, and none is smoothed: their edges are right angles.
+        mesh = shade(corners, (first + _SIDES).reshape(-1, 3))
+        scene.add_mesh(f"/ground/{name}", mesh, Material(color, shininess=0.0))
+        edges = corners[(first + _EDGES).reshape(-1, 2)].reshape(-1, 3) + [0.0, 0.0, 0.002 * cell]
+        scene.add_segments(f"/ground/{name} edges", edges, EDGE_COLOR)
+
+
+_SIDES = np.array(
+    [(4, 5, 6), (4, 6, 7), *((a, b, b + 4) for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))),
+     *((a, b + 4, a + 4) for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)))]
+)  # fmt: skip
+"""Triangles of a box without its bottom, by its corners."""
+_EDGES = np.array([(4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)])
+
+
 def frame_camera(
-    lowest: Array, highest: Array, travel: Array, impulses: Array, ground: Terrain | None = None
+    lowest: Array, highest: Array, travel: Array, impulses: Array, ground: World | None = None
 ) -> dict[str, object]:
     """Return a camera that looks at the robot from above one of its corners, and follows it if it leaves the picture.
 
@@ -116,7 +154,7 @@ def frame_camera(
     # Horizontally as soon as it leaves the middle; vertically only with the ground and in flight, so that the motion of
     # a gait is visible.
     rise = np.zeros_like(travel)
-    rise[:, 2] = 0.0 if ground is None else ground.height(travel[:, :2])
+    rise[:, 2] = 0.0 if ground is None else _even(ground, travel, size)
     above = travel - rise
     span = np.ptp(above, axis=0)
     followed = np.array([max(span[:2]) > 0.5 * size] * 2 + [span[2] > size])
@@ -131,6 +169,17 @@ def frame_camera(
         "aspect": 0.5 * width / (0.8 * tangent * middle),
         "follow": np.round(_y_up(moves), 4).tolist(),
     }
+
+
+def _even(ground: World, travel: Array, size: float) -> Array:
+    """Return (k,) heights of the ground below a robot of a size, m, without its steps: a camera does not jump."""
+    height = ground_below(ground, travel, 0.5 * size)[0]
+    if ground.planar:
+        return height
+    window = min(_SMOOTHED, len(height))
+    padded = np.pad(height, (window // 2, (window - 1) // 2), mode="edge")
+    even: Array = np.convolve(padded, np.full(window, 1.0 / window), mode="valid")
+    return even
 
 
 def _y_up(points: Array) -> Array:

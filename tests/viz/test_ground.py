@@ -14,9 +14,11 @@ from lgmpc.lie import quaternion
 from lgmpc.robot import Robot
 from lgmpc.runs import Run
 from lgmpc.viz.marks import turns_to
+from lgmpc.viz.page import page_of
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.stage import frame_camera
-from lgmpc.world import Plane, World
+from lgmpc.viz.scene import Scene
+from lgmpc.viz.stage import add_stage, frame_camera
+from lgmpc.world import Box, Plane, World
 
 from .test_overlay import at
 from .test_replay import content_of
@@ -108,3 +110,30 @@ def test_rotations_take_the_z_axis_to_their_directions() -> None:
     turns = turns_to(directions)
     np.testing.assert_allclose(quaternion.act(turns, UP), directions, atol=1e-9)
     np.testing.assert_array_equal(turns[0], [0.0, 0.0, 0.0, 1.0])
+
+
+def corners_of(boxes: list[Box]) -> np.ndarray:
+    return np.concatenate([each.corners for each in boxes])
+
+
+def test_boxes_are_drawn_where_they_are() -> None:
+    """Every corner of every box, in one object for each colour; slippery ones in the second."""
+    boxes = [Box((0.3 * i, 0.0, 0.0), (0.1, 0.2, 0.05 * i + 0.05), coefficient=0.1 if i > 2 else 0.6) for i in range(5)]
+    scene = Scene()
+    add_stage(scene, np.zeros(3), np.ones(3), np.zeros((1, 3)), World((Plane(), *boxes)))
+    commands = content_of(page_of("page", scene, {}))["commands"]
+    drawn = {each["path"]: each for each in commands if each["path"].startswith("/ground")}
+    assert [*drawn] == ["/ground/boxes", "/ground/boxes edges", "/ground/slippery", "/ground/slippery edges"]
+    for path, chosen in (("/ground/boxes", boxes[:3]), ("/ground/slippery", boxes[3:])):
+        vertices = drawn[path]["object"]["geometries"][0]["data"]["attributes"]["position"]["array"].reshape(-1, 3)
+        found, corners = (np.unique(np.round(each, 5), axis=0) for each in (vertices, corners_of(chosen)))
+        np.testing.assert_allclose(found, corners, atol=1e-5)
+
+
+def test_the_camera_does_not_jump_on_steps() -> None:
+    steps = [Box((0.25 * k + 5.0, 0.0, 0.0), (5.0, 2.0, 0.05 * k)) for k in range(1, 9)]
+    along = np.linspace(0.0, 2.0, 161)[:, None] * [1.0, 0.0, 0.0]
+    corners = np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.4])
+    camera = frame_camera(*corners, along, np.zeros((0, 3)), World((Plane(), *steps)))
+    rise = np.array(camera["follow"])[:, 1]
+    assert rise[-1] - rise[0] > 0.3 and np.abs(np.diff(rise)).max() < 0.006

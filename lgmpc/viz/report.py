@@ -25,7 +25,7 @@ from lgmpc.viz.page import filled
 from lgmpc.viz.plots import run_drawings
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.trajectory_plots import trajectory_drawings
-from lgmpc.world import Terrain
+from lgmpc.world import World
 
 __all__ = [
     "code",
@@ -126,7 +126,7 @@ def _lines(blocks: Iterable[str]) -> str:
     return "\n".join(blocks)
 
 
-def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, ground: Terrain | None = None) -> str:
+def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, ground: World | None = None) -> str:
     """Return the page of a closed loop: verdict, replay, figures, events, limits, certificate, config, versions.
 
     Args:

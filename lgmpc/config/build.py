@@ -8,6 +8,7 @@ import numpy as np
 
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.extensions import own_costs, own_tasks
+from lgmpc.config.maneuvers import build_maneuvers
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
@@ -106,6 +107,7 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         delays=config.delays,
         joint_friction=_build_joint_friction(config, robot),
         drives=config.drives,
+        maneuvers=build_maneuvers(config, robot, notify),
         period=period,
     )
 

@@ -40,7 +40,7 @@ _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
 _MODE_CODES = {mode: MODES.index(mode.name.lower()) for mode in Mode}
 _CLEARANCE_PERIOD_S = 4e-3
-_LOW = (Mode.LIE, Mode.RISE, Mode.SIT)
+_LOW = (Mode.LIE, Mode.RISE, Mode.SIT, Mode.MANEUVER)
 _STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
 
 

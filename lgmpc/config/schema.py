@@ -161,6 +161,11 @@ class Config(Document):
         default=StandReference(), description="Motion of the centre of mass relative to the commanded one."
     )
     commands: Timeline = Field(default=(), description="Motion commands over time; none: stand.")
+    maneuvers: dict[str, str] = Field(
+        default={},
+        description="Planned motions by name, each the config of a problem that is solved beforehand, such as"
+        " solo12_jump, or the run folder of a solved one; commands call them by maneuver.",
+    )
     locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="Gaits and steps.")
     delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")
     joint_friction: JointFrictionSettings | None = Field(

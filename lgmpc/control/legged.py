@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -15,6 +15,7 @@ from lgmpc.control.drives import DriveSettings, JointReferences
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.lying import LegFolding, RiseMotion
+from lgmpc.control.maneuver import Maneuver, Performance
 from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Transition, TransitionInputs
 from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
@@ -59,6 +60,7 @@ class LeggedController:
         delays: that are compensated: all that the controller decides is for the state in which its command will act.
         joint_friction: estimates what the torques overcome; None for what is known of the robot.
         drives: gains of the drives' own loop; none unless given.
+        maneuvers: planned motions that commands may name.
         period: time between two updates, s.
 
     Attributes:
@@ -91,6 +93,7 @@ class LeggedController:
         delays: DelaySettings | None = None,
         joint_friction: JointFrictionEstimator | None = None,
         drives: DriveSettings | None = None,
+        maneuvers: Sequence[Maneuver] = (),
         period: float = 1e-3,
     ) -> None:
         settings = LocomotionSettings() if locomotion is None else locomotion
@@ -119,6 +122,9 @@ class LeggedController:
         self._inputs = TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
         self._rest = RestMonitor(self._mode_settings.rest_s, self._mode_settings.rearm == "automatic")
+        self._maneuvers = {each.name: each for each in maneuvers}
+        self._performance: Performance | None = None
+        self._commanded: tuple[str, float] | None = None  # the last manoeuvre that began
         self._leg_folding = LegFolding(robot, self._mode_settings.lying)
         self._rise_motion = RiseMotion(self._mode_settings.lying)
         self._displaced_since = math.inf
@@ -136,6 +142,7 @@ class LeggedController:
     def reset(self) -> None:
         """Begin anew with the next finite state, whatever was before."""
         self._begun, self._waits, self._time = False, False, math.nan
+        self._performance = self._commanded = None
         self.modes.begin(Mode.DAMP)
         self.wbc.reset()
         self.floor.reset()
@@ -190,6 +197,8 @@ class LeggedController:
         if mode is Mode.LIE:
             return self._lie(state)
         missed = self._advance_clock(state.time)
+        if self._performance is not None:
+            return self._perform(state, self._performance, missed)
         if finite:
             self._step(state, request)
             if self.joint_friction is not None:
@@ -200,6 +209,27 @@ class LeggedController:
             self._plan(state.time, planner, missed)
         status = self.wbc.solve()
         self._expect(planner, status is Status.CONVERGED)
+        return self._command(state)
+
+    def _perform(self, state: RobotState, performance: Performance, missed: int) -> Command:
+        """Advance a manoeuvre by one tick, and return its command."""
+        wbc, feet, planner, started = self.wbc, self.feet, self.planner, perf_counter()
+        if wbc.terms.finite:
+            performance.advance(state.contacts)
+        feet.stance[:], self.target[:], self.base_target[:] = performance.stance, performance.com, performance.base
+        feet.footholds[:] = feet.position[:] = wbc.terms.contact_points
+        if planner is not None:
+            if missed:
+                planner.observer.miss(missed)
+            planner.observe(self._measured.momentum)
+            if planner.due(state.time) or performance.landed:
+                node_s, friction = planner.mpc.settings.node_s, self._friction(planner)
+                performance.write_horizon(node_s, friction, planner.motion, planner.contacts)
+                planner.plan_from(state.time, wbc.terms)
+                self._planned, self._plan_s = True, perf_counter() - started
+            if feet.stance.any():
+                planner.follow(state.time, self._tasks, wbc.contacts)
+        self._expect(planner, wbc.solve() is Status.CONVERGED)
         return self._command(state)
 
     def _at_effect(self, state: RobotState) -> RobotState:
@@ -255,6 +285,9 @@ class LeggedController:
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
         upright, moving = self._upright if terms.finite else math.nan, self.command.moves
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
+        inputs.maneuver = request.maneuver is not None and request.maneuver != self._commanded
+        inputs.settled = all(feet.settled) and math.hypot(terms.px, terms.py) < _REST * self.robot.mass
+        inputs.performed = self._performance is not None and self._performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
         inputs.failure = ""
         if mode is Mode.DAMP:
@@ -265,6 +298,8 @@ class LeggedController:
             height = terms.z if terms.finite else math.nan
             solved = self.wbc.status is Status.CONVERGED
             inputs.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
+            if self._performance is not None:
+                inputs.failure = inputs.failure or self._performance.failure
             if mode.upright and not inputs.failure:
                 touching = state.contacts is None or True in state.contacts.tolist()
                 inputs.failure = self._fall.update_support(
@@ -289,6 +324,8 @@ class LeggedController:
         _LOG.log(level, "%s at %.3f s%s: the robot %s", transition.name, state.time, why, mode.value)
         inputs.lifted = False
         self._fall.reset()
+        if self._performance is not None:
+            self._end_maneuver(state)
         if mode is Mode.DAMP:
             self.wbc.reset()
             self._rest.begin(inputs.request)
@@ -300,6 +337,8 @@ class LeggedController:
         elif mode is Mode.SIT:
             lying = np.array([0.0, 0.0, self._leg_folding.crouch - self.feet.legs.height])
             self._rise_motion.begin(state.time, np.zeros(3), lying)
+        elif mode is Mode.MANEUVER:
+            self._begin_maneuver(self.commands.at(state.time))
         elif transition.name == "risen" and self.planner is not None:
             self.planner.reset()
         elif transition.name == "halt":
@@ -309,6 +348,23 @@ class LeggedController:
         if not mode.upright:
             self.push_steps.stop()
             self.wbc.external_wrench[:] = 0.0
+
+    def _begin_maneuver(self, request: MotionCommand) -> None:
+        assert request.maneuver is not None
+        self._commanded = request.maneuver
+        self._performance = Performance(self._maneuvers[request.maneuver[0]], self.wbc, self._tasks, self.robot)
+
+    def _end_maneuver(self, state: RobotState) -> None:
+        """Stand where the feet are."""
+        assert self._performance is not None
+        self._performance.end()
+        self._performance = None
+        terms = self.wbc.terms
+        self.feet.begin(state.time, terms.contact_points, None)
+        self._desired.rest()
+        self._desired.builder.begin(self._above_feet(terms.yaw), terms.yaw)
+        if self.planner is not None:
+            self.planner.reset()
 
     def _begin_rising(self, time: float) -> None:
         """Stand where the feet are, and begin the way there from the belly."""
@@ -335,7 +391,7 @@ class LeggedController:
         """Advance command, desired motion and feet, and write what the whole-body QP takes of them."""
         time, wbc, terms, feet, steps = state.time, self.wbc, self.wbc.terms, self.feet, self.push_steps
         lifting = self.modes.mode in _LIFTING
-        if lifting or request.mode != "stand":
+        if lifting or request.mode != "stand" or self._inputs.maneuver:
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
         elif request.moves and feet.gait(request).stands:
             request = replace(request, vx=0.0, vy=0.0, yaw_rate=0.0)  # whatever velocity is left from another gait

@@ -87,6 +87,7 @@ class Mode(Enum):
     RECOVER = "steps uncommanded: against a push, or because its feet are not where they belong"
     SIT = "lowers itself onto its belly"
     DAMP = "has no torque but the damping of its joints"
+    MANEUVER = "performs a planned motion"
 
     __hash__ = object.__hash__  # members are unique: Enum's own hashes their names, in Python
 
@@ -112,6 +113,9 @@ class TransitionInputs:
         moving: a velocity is commanded.
         stepping: a foot swings or is to lift off.
         reacting: the steps are uncommanded.
+        maneuver: a planned motion is commanded that has not been performed.
+        settled: the robot is at rest on feet that have carried for a while.
+        performed: the planned motion is over.
     """
 
     request: str = "stand"
@@ -122,6 +126,9 @@ class TransitionInputs:
     moving: bool = False
     stepping: bool = False
     reacting: bool = False
+    maneuver: bool = False
+    settled: bool = False
+    performed: bool = False
 
 
 @dataclass(frozen=True)
@@ -154,6 +161,8 @@ TRANSITIONS: tuple[Transition, ...] = (
     _way("rise", frozenset({Mode.LIE}), Mode.RISE, lambda s: s.folded and s.request == "stand"),
     _way("risen", frozenset({Mode.RISE}), Mode.STAND, lambda s: s.lifted),
     _way("recover", frozenset({Mode.STAND, Mode.LOCOMOTE}), Mode.RECOVER, lambda s: s.stepping and s.reacting),
+    _way("take off", frozenset({Mode.STAND}), Mode.MANEUVER, lambda s: s.maneuver and s.settled and not s.stepping),
+    _way("performed", frozenset({Mode.MANEUVER}), Mode.STAND, lambda s: s.performed),
     _way("set off", frozenset({Mode.STAND}), Mode.LOCOMOTE, lambda s: s.stepping),
     _way("walk on", frozenset({Mode.RECOVER}), Mode.LOCOMOTE, lambda s: s.stepping and s.moving),
     _way("halt", frozenset({Mode.LOCOMOTE}), Mode.STAND, lambda s: not s.stepping),

@@ -45,6 +45,8 @@ class MotionCommand:
         gait: name of the gait.
         mode: requested mode: ``stand`` (on the feet, moving as commanded), ``lie`` (on the belly), or ``damp`` (no
             torque: the emergency stop).
+        maneuver: name of a planned motion to perform once, and the time at which it is commanded, s; a robot that
+            walks comes to rest before. None for none.
     """
 
     vx: float = 0.0
@@ -55,6 +57,7 @@ class MotionCommand:
     roll: float = 0.0
     gait: str = "trot"
     mode: ModeRequest = "stand"
+    maneuver: tuple[str, float] | None = None
 
     @property
     def moves(self) -> bool:
@@ -116,6 +119,11 @@ class CommandEntry(Settings):
         default=None,
         description="stand: on the feet, moving as commanded; lie: on the belly; damp: no torque, the emergency stop.",
     )
+    maneuver: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None,
+        description="Name of a planned motion of section maneuvers, performed once; a robot that walks comes to rest"
+        " before, and goes on as commanded afterwards.",
+    )
 
     @field_validator("velocity_m_s")
     @classmethod
@@ -136,6 +144,8 @@ class CommandEntry(Settings):
             "gait": self.gait,
             "mode": self.mode,
         }
+        maneuver = None if self.maneuver is None else (self.maneuver, self.at_s)
+        command = replace(command, maneuver=maneuver)
         return replace(command, **{key: value for key, value in named.items() if value is not None})  # type: ignore[arg-type]
 
 
@@ -290,6 +300,7 @@ class CommandLimiter:
             _approach(now.roll, command.roll, most.attitude_rate_rad_s * dt),
             command.gait,
             command.mode,
+            command.maneuver,
         )
         return self.command
 

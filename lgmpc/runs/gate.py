@@ -108,6 +108,23 @@ class Gate(Settings):
     max_torque_step_nm: Bound = _limit(
         "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m."
     )
+    min_maneuvers: Number | None = Field(default=None, description="Number of manoeuvres performed to their end.")
+    min_maneuver_rise_m: NonNegative | None = Field(
+        default=None, description="Rise of the centre of mass in the last manoeuvre, m."
+    )
+    max_maneuver_rise_m: NonNegative | None = Field(default=None, description="The same, at most, m.")
+    min_maneuver_distance_m: NonNegative | None = Field(
+        default=None, description="Horizontal way of the centre of mass in the last manoeuvre, m."
+    )
+    max_maneuver_distance_m: NonNegative | None = Field(default=None, description="The same, at most, m.")
+    min_maneuver_turn_deg: Finite | None = Field(
+        default=None, description="Change of the heading in the last manoeuvre, to the left, degrees."
+    )
+    max_maneuver_turn_deg: Finite | None = Field(default=None, description="The same, at most, degrees.")
+    min_flight_s: NonNegative | None = Field(default=None, description="Time without contact in it, s.")
+    max_landing_tilt_deg: NonNegative | None = Field(
+        default=None, description="Largest tilt of the base after its flight, degrees."
+    )
 
     @property
     def limits(self) -> dict[str, float]:

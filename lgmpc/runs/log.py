@@ -39,7 +39,7 @@ CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")
 SENSOR_FAULTS = ("gyro", "accelerometer", "joints", "speeds", "torques")
 """Quantities of a measurement; bit k of the channel ``sensor_faults`` says that the k-th was replaced."""
 
-MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp")
+MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp", "maneuver")
 """Modes of the controller; the channel ``mode`` consists of indices into this."""
 
 

@@ -1,12 +1,14 @@
-"""Figures of merit of the modes: falls, damping after them, lying and rising, from the log of a run."""
+"""Figures of merit of the modes: falls, damping after them, lying and rising, manoeuvres, from the log of a run."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lgmpc.lie import attitude, quaternion
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.typing import BoolArray
@@ -19,13 +21,13 @@ FALL_TILT_DEG = 45.0
 FALL_HEIGHT_FRACTION = 0.5
 """A base below this fraction of its first height or, where modes were recorded, of its target has fallen."""
 
-LOW_MODES = ("lie", "rise", "sit")
-"""Modes in which the base is low by design."""
+LOW_MODES = ("lie", "rise", "sit", "maneuver")
+"""Modes in which the base may be low by design; a manoeuvre that fails ends in another."""
 
 
 @dataclass(frozen=True)
 class ModeMetrics:
-    """Metrics of falls, lying and rising. ``None`` where there was nothing to measure.
+    """Metrics of falls, lying, rising and manoeuvres. ``None`` where there was nothing to measure.
 
     Attributes:
         give_up_s: longest time after a fall until the joints are damped.
@@ -33,6 +35,12 @@ class ModeMetrics:
         rises: number of transitions from lying to standing.
         descents: number of transitions from standing to lying.
         torque_step_nm: largest change of a joint's torque between two ticks while it lies, rises or lies down.
+        maneuvers: number of manoeuvres performed to their end.
+        maneuver_rise_m: rise of the centre of mass in the last of them, from its beginning.
+        maneuver_distance_m: horizontal distance from its beginning to its end.
+        maneuver_turn_deg: change of the heading, to the left, -180 to 180.
+        flight_s: time in it without contact.
+        landing_tilt_deg: largest tilt after its flight.
     """
 
     give_up_s: float | None
@@ -40,6 +48,12 @@ class ModeMetrics:
     rises: int
     descents: int
     torque_step_nm: float | None
+    maneuvers: int = 0
+    maneuver_rise_m: float | None = None
+    maneuver_distance_m: float | None = None
+    maneuver_turn_deg: float | None = None
+    flight_s: float | None = None
+    landing_tilt_deg: float | None = None
 
 
 def fallen_ticks(log: RunLog) -> BoolArray:
@@ -92,7 +106,30 @@ def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
         rises=_changes(mode, "rise", "stand"),
         descents=_changes(mode, "sit", "lie"),
         torque_step_nm=float(steps.max()) if steps.size else None,
+        **_maneuver(log),
     )
+
+
+def _maneuver(log: RunLog) -> dict[str, Any]:
+    """Return the metrics of manoeuvres by name; empty without one."""
+    assert log.mode is not None
+    performs = log.mode == MODES.index("maneuver")
+    if not performs.any():
+        return {}
+    begin, end = intervals(performs)[-1]
+    path = log.com[begin : end + 1]
+    x, y, _ = path[-1] - path[0]
+    air = np.flatnonzero(~log.contact_forces[begin:end].any(axis=(1, 2)))
+    landed = begin + int(air[-1]) if air.size else begin
+    first, last = quaternion.to_matrix(log.q[[begin, min(end, len(log.q) - 1)], 3:7])
+    return {
+        "maneuvers": _changes(log.mode, "maneuver", "stand"),
+        "maneuver_rise_m": float(path[:, 2].max() - path[0, 2]),
+        "maneuver_distance_m": float(np.hypot(x, y)),
+        "maneuver_turn_deg": float(np.degrees(attitude.tilt_and_yaw(first.T @ last)[1])),
+        "flight_s": log.control_period_s * air.size,
+        "landing_tilt_deg": float(log.tilt_deg[landed:].max()),
+    }
 
 
 def _longest(flags: BoolArray) -> int:

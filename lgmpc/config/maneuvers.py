@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lgmpc.config.loading import load_solve_config
-from lgmpc.config.schema import Config
+from lgmpc.config.schema import Config, ManeuverSource
 from lgmpc.config.session import Notify
 from lgmpc.config.solving import prepare_solve
 from lgmpc.control.maneuver import Maneuver
@@ -15,8 +15,6 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog, load_run
 
 __all__ = ["build_maneuvers"]
-
-_MASS_ERROR = 0.02  # of the robot's mass: a plan for a heavier one is another plan
 
 
 def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Maneuver]:
@@ -38,7 +36,7 @@ def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Ma
     found = []
     for name, source in config.maneuvers.items():
         key = f"maneuvers.{name}"
-        log = _trajectory(config, key, source, notify)
+        log = _solved(config, key, source.run) if source.run else _solve(config, key, source, notify)
         try:
             if log.contact_frames.tolist() != list(robot.contact_frames):
                 raise InputError("contact frames", ", ".join(log.contact_frames), ", ".join(robot.contact_frames))
@@ -48,21 +46,26 @@ def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Ma
                 )
             )
         except InputError as error:
-            raise config.error(key, f"{source}: {error.argument}: {error.got}", error.expected) from error
+            raise config.error(key, f"{error.argument}: {error.got}", error.expected) from error
     return found
 
 
-def _trajectory(config: Config, key: str, source: str, notify: Notify) -> TrajectoryLog:
-    if Path(source).is_dir():
-        run = load_run(Path(source))
-        if not isinstance(run, SolvedRun):
-            raise config.error(key, f"{source}, a run of a closed loop", "a run of a solved problem, or its config")
-        if not run.log.finite:
-            raise config.error(key, f"{source}, a trajectory that is not finite", "a solved problem")
-        return run.log
-    notify(f"planning the manoeuvre of {source}")
-    outcome = prepare_solve(load_solve_config(source), notify=notify).run(lambda iteration: None)
+def _solved(config: Config, key: str, folder: str) -> TrajectoryLog:
+    run = load_run(Path(folder))
+    if not isinstance(run, SolvedRun) or not run.log.finite:
+        raise config.error(f"{key}.run", folder, "the run of a solved problem, as `lgmpc solve` saves it")
+    return run.log
+
+
+def _solve(config: Config, key: str, source: ManeuverSource, notify: Notify) -> TrajectoryLog:
+    name = source.problem or ""
+    notify(f"solving {name} for {key}")
+    try:
+        problem = load_solve_config(name).replace(source.set)
+    except InputError as error:
+        raise config.error(f"{key}.set", f"{error.argument}: {error.got}", error.expected) from error
+    outcome = prepare_solve(problem).run(lambda iteration: None)
     if outcome.verdict.reasons:
-        words = f"a problem whose solution passes its gate: `lgmpc solve {source}` shows why it does not"
-        raise config.error(key, f"{source}, {'; '.join(outcome.verdict.reasons)}", words)
+        got, words = f"{name}: {'; '.join(outcome.verdict.reasons)}", "a problem whose solution passes its gate"
+        raise config.error(f"{key}.problem", got, f"{words}; `lgmpc solve {name}` shows its iterations")
     return outcome.log

@@ -132,6 +132,26 @@ class Change(Settings):
     )
 
 
+class ManeuverSource(Settings):
+    """A planned motion: a problem that is solved before the loop begins, or the run of one that has been solved."""
+
+    problem: str | None = Field(
+        default=None, description="Config of the problem: a file, or the name of a shipped one such as solo12_jump."
+    )
+    set: dict[str, Any] = Field(
+        default={}, description="Changes of that config, {dotted key: value}, such as {problem.yaw_deg: 90}."
+    )
+    run: str | None = Field(default=None, description="Run folder of a solved problem, in place of a problem.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> ManeuverSource:
+        if (self.problem is None) is (self.run is None):
+            raise problem("either problem or run", "run", self.run)
+        if self.run is not None and self.set:
+            raise problem("none with a run: they are changes of a problem's config", "set", self.set)
+        return self
+
+
 class GroundTruth(Settings):
     """No estimator: the controllers receive the simulator's state."""
 
@@ -161,10 +181,8 @@ class Config(Document):
         default=StandReference(), description="Motion of the centre of mass relative to the commanded one."
     )
     commands: Timeline = Field(default=(), description="Motion commands over time; none: stand.")
-    maneuvers: dict[str, str] = Field(
-        default={},
-        description="Planned motions by name, each the config of a problem that is solved beforehand, such as"
-        " solo12_jump, or the run folder of a solved one; commands call them by maneuver.",
+    maneuvers: dict[str, ManeuverSource] = Field(
+        default={}, description="Planned motions by name; commands call them by their key maneuver."
     )
     locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="Gaits and steps.")
     delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")

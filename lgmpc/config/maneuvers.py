@@ -52,16 +52,20 @@ def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Ma
 
 def _solved(config: Config, key: str, folder: str) -> TrajectoryLog:
     run = load_run(Path(folder))
-    if not isinstance(run, SolvedRun) or not run.log.finite:
+    if not isinstance(run, SolvedRun) or not run.trajectory.finite:
         raise config.error(f"{key}.run", folder, "the run of a solved problem, as `lgmpc solve` saves it")
-    return run.log
+    return run.trajectory
 
 
 def _solve(config: Config, key: str, source: ManeuverSource, notify: Notify) -> TrajectoryLog:
     name = source.problem or ""
     notify(f"solving {name} for {key}")
     try:
-        problem = load_solve_config(name).replace(source.set)
+        problem = load_solve_config(name)
+    except InputError as error:
+        raise config.error(f"{key}.problem", f"{name}: {error.got}", error.expected) from error
+    try:
+        problem = problem.replace(source.set)
     except InputError as error:
         raise config.error(f"{key}.set", f"{error.argument}: {error.got}", error.expected) from error
     outcome = prepare_solve(problem).run(lambda iteration: None)

@@ -112,18 +112,24 @@ class Gate(Settings):
     min_maneuver_rise_m: NonNegative | None = Field(
         default=None, description="Rise of the centre of mass in the last manoeuvre, m."
     )
-    max_maneuver_rise_m: NonNegative | None = Field(default=None, description="The same, at most, m.")
+    max_maneuver_rise_m: NonNegative | None = Field(
+        default=None, description="Rise of the centre of mass in the last manoeuvre, m."
+    )
     min_maneuver_distance_m: NonNegative | None = Field(
         default=None, description="Horizontal way of the centre of mass in the last manoeuvre, m."
     )
-    max_maneuver_distance_m: NonNegative | None = Field(default=None, description="The same, at most, m.")
-    min_maneuver_turn_deg: Finite | None = Field(
-        default=None, description="Change of the heading in the last manoeuvre, to the left, degrees."
+    max_maneuver_distance_m: NonNegative | None = Field(
+        default=None, description="Horizontal way of the centre of mass in the last manoeuvre, m."
     )
-    max_maneuver_turn_deg: Finite | None = Field(default=None, description="The same, at most, degrees.")
-    min_flight_s: NonNegative | None = Field(default=None, description="Time without contact in it, s.")
+    min_maneuver_turn_deg: Finite | None = Field(
+        default=None, description="Change of the heading in the last manoeuvre to the left, degrees."
+    )
+    max_maneuver_turn_deg: Finite | None = Field(
+        default=None, description="Change of the heading in the last manoeuvre to the left, degrees."
+    )
+    min_flight_s: NonNegative | None = Field(default=None, description="Time without contact in the last manoeuvre, s.")
     max_landing_tilt_deg: NonNegative | None = Field(
-        default=None, description="Largest tilt of the base after its flight, degrees."
+        default=None, description="Largest tilt of the base after the flight of the last manoeuvre, degrees."
     )
 
     @property

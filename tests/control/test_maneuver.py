@@ -1,0 +1,100 @@
+"""Manoeuvres: sampling and placing of a motion against the robot's own kinematics; what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.control.maneuver import Maneuver
+from lgmpc.errors import InputError
+from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.wbc import WholeBodyTerms
+
+PERIOD = 1e-3
+TIMES = np.array([0.0, 0.1, 0.2, 0.2, 0.35])
+FLAGS = np.array([[True] * 4, [False] * 4, [True] * 4, [True] * 4])
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot(
+        RobotSpec(
+            model="solo12",
+            contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
+            contact_radius_m=0.016,
+            posture="standing",
+            effort_limit_nm=1.8,
+            velocity_limit_rad_s=30.0,
+            position_limit_rad=(-3.0, 3.0),
+        )
+    )
+
+
+def states(robot: Robot) -> np.ndarray:
+    """Five states: rest, two in motion, the second of them with two velocities (an impact), rest."""
+    rng = np.random.default_rng(3)
+    rest = np.concatenate([robot.q_reference, np.zeros(robot.nv)])
+    found = [rest]
+    for velocity in (0.5, 0.5):
+        dq, v = 0.1 * rng.standard_normal(robot.nv), velocity * rng.standard_normal(robot.nv)
+        found.append(np.concatenate([pin.integrate(robot.model, robot.q_reference, dq), v]))
+    after = np.concatenate([found[-1][: robot.nq], 0.1 * found[-1][robot.nq :]])
+    return np.array([*found, after, rest])
+
+
+def sampled(robot: Robot, xs: np.ndarray, flags: np.ndarray = FLAGS) -> Maneuver:
+    return Maneuver.of("test", robot, TIMES, xs, flags, np.ones((4, 4, 3)) * flags[:, :, None], PERIOD)
+
+
+def test_samples_are_on_the_trajectory_and_agree_with_the_robots_kinematics(robot: Robot) -> None:
+    xs = states(robot)
+    found, terms = sampled(robot, xs), WholeBodyTerms(robot)
+    assert len(found.q) == 351
+    for row, state in ((0, xs[0]), (100, xs[1]), (200, xs[3]), (350, xs[4])):  # after the impact at 0.2 s
+        np.testing.assert_allclose(found.q[row], state[: robot.nq], atol=1e-12)
+        np.testing.assert_allclose(found.v[row], state[robot.nq :], atol=1e-9)
+        terms.update(found.q[row], found.v[row])
+        np.testing.assert_allclose(found.momentum[row], terms.momentum, atol=1e-9)
+    for row in (0, 57, 150, 300):
+        terms.update(found.q[row], found.v[row])
+        np.testing.assert_allclose(found.com[row], terms.com, atol=1e-12)
+        np.testing.assert_allclose(found.points[row], terms.contact_points, atol=1e-12)
+        np.testing.assert_allclose(found.rotation[row], terms.rotation, atol=1e-12)
+    assert found.flights == [(100, 200)]
+    # The mean acceleration of an interval, and the rate of its momentum, lead from its beginning to its end.
+    np.testing.assert_allclose(0.1 * found.acceleration[150], xs[2, robot.nq :] - xs[1, robot.nq :], atol=1e-12)
+    np.testing.assert_allclose(found.momentum[199] - found.momentum[101], 0.098 * found.momentum_rate[150], atol=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, np.pi - 1e-9, -2.0])
+def test_a_placed_manoeuvre_is_the_same_motion_turned_and_shifted(robot: Robot, yaw: float) -> None:
+    own, terms = sampled(robot, states(robot)), WholeBodyTerms(robot)
+    place = np.array([1.0, -2.0, 0.3])
+    turn = pin.AngleAxis(yaw, np.array([0.0, 0.0, 1.0])).matrix()
+    feet = (own.points[0] - own.points[0].mean(axis=0)) @ turn.T + place
+    placed = own.placed(feet, yaw)
+    np.testing.assert_allclose(placed.points[0], feet, atol=1e-12)
+    for row in (0, 57, 150, 300):
+        terms.update(placed.q[row], placed.v[row])  # base velocities are in the base's axes
+        np.testing.assert_allclose(placed.com[row], terms.com, atol=1e-12)
+        np.testing.assert_allclose(placed.points[row], terms.contact_points, atol=1e-12)
+        np.testing.assert_allclose(placed.rotation[row], terms.rotation, atol=1e-12)
+        np.testing.assert_allclose(placed.momentum[row], np.kron(np.eye(2), turn) @ own.momentum[row], atol=1e-12)
+        np.testing.assert_allclose(placed.forces[row], own.forces[row] @ turn.T, atol=1e-12)
+
+
+def test_what_does_not_lead_from_standing_to_standing_is_refused(robot: Robot) -> None:
+    xs = states(robot)
+    for flags, words in ((FLAGS[[1, 0, 2, 3]], "air at its beginning"), (FLAGS[[0, 2, 3, 1]], "air at its end")):
+        with pytest.raises(InputError, match=words):
+            sampled(robot, xs, flags)
+    moving, bent = xs.copy(), xs.copy()
+    moving[-1, robot.nq] = 0.3
+    with pytest.raises(InputError, match=r"a speed of 0\.3 at its end; expected rest"):
+        sampled(robot, moving)
+    bent[0, 7] += 0.4
+    with pytest.raises(InputError, match=r"FL_HAA 0\.4 rad from the reference posture at its beginning"):
+        sampled(robot, bent)
+    with pytest.raises(InputError, match="36 entries of the state and 4 contacts; expected 37 and 4"):
+        sampled(robot, xs[:, 1:])

@@ -1,0 +1,71 @@
+"""Manoeuvres in closed loop: what was planned is performed, on both plants, anywhere, on an estimate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lgmpc.config import load_config
+from lgmpc.config.build import prepare
+from lgmpc.config.session import SessionResult
+from lgmpc.errors import ConfigError
+from lgmpc.runs import Metrics
+
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+SHORT = ("commands=[{at_s: 0.2, maneuver: jump}]", "duration_s=2.5")
+
+
+def run(name: str, *overrides: str) -> SessionResult:
+    return prepare(load_config(CONFIGS / f"{name}.yaml", overrides)).run(lambda progress: None)
+
+
+def measured(name: str, *overrides: str) -> Metrics:
+    result = run(name, *overrides)
+    assert result.verdict.passed, result.verdict.reasons
+    assert isinstance(result.metrics, Metrics)
+    return result.metrics
+
+
+def test_a_jump_is_performed_as_planned() -> None:
+    modes = measured("solo12_jump_executed", *SHORT).modes
+    assert modes is not None and modes.maneuvers == 1
+    assert modes.maneuver_rise_m == pytest.approx(0.111, abs=0.004)  # planned 111 mm; measured 111.5
+    assert modes.maneuver_distance_m == pytest.approx(0.2, abs=0.005)  # measured 201 mm
+    assert modes.landing_tilt_deg is not None and modes.landing_tilt_deg < 3.0  # 1.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+@pytest.mark.parametrize("motion", ["jump", "leap", "spin"])
+def test_the_shipped_manoeuvres_pass(motion: str, plant: str) -> None:
+    measured(f"solo12_{motion}_executed", f"plant.kind={plant}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("world.start_yaw_deg=130", "world.start_m=[3, -2]", "world.height_m=-0.5"),
+        ("estimator.kind=inekf",),
+        ("plant.mass_scale=1.05", "plant.friction=0.5", "plant.link.command_latency_s=0.002"),
+        ("plant.mass_scale=0.95", "plant.base_com_offset_m=[0.01, 0, 0]"),
+    ],
+)
+def test_a_jump_is_performed_anywhere_and_on_other_robots(changes: tuple[str, ...]) -> None:
+    measured("solo12_jump_executed", *SHORT, *changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (["commands.1.maneuver=jmp"], r"commands\.1\.maneuver: got jmp; expected a name in .*Did you mean jump\?"),
+        (["maneuvers.jump={run: runs, problem: solo12_jump}"], r"maneuvers\.jump\.run: got .*expected either problem or run"),
+        (["maneuvers.jump={problem: solo12_jum}"], r"maneuvers\.jump\.problem: got solo12_jum: no such file"),
+        (["maneuvers.jump={problem: solo12_balance}"], r"maneuvers\.jump\.problem: .*the config of a closed loop"),
+        (["maneuvers.jump.set={problem.yaw_dg: 1}"], r"maneuvers\.jump\.set: got problem\.yaw_dg: an unknown key"),
+    ],
+)
+def test_a_manoeuvre_that_cannot_be_performed_is_one_error(changes: list[str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        prepare(load_config(CONFIGS / "solo12_jump_executed.yaml", changes))

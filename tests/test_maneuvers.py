@@ -60,7 +60,10 @@ def test_a_jump_is_performed_anywhere_and_on_other_robots(changes: tuple[str, ..
     ("changes", "words"),
     [
         (["commands.1.maneuver=jmp"], r"commands\.1\.maneuver: got jmp; expected a name in .*Did you mean jump\?"),
-        (["maneuvers.jump={run: runs, problem: solo12_jump}"], r"maneuvers\.jump\.run: got .*expected either problem or run"),
+        (
+            ["maneuvers.jump={run: runs, problem: solo12_jump}"],
+            r"maneuvers\.jump\.run: got .*expected either problem or run",
+        ),
         (["maneuvers.jump={problem: solo12_jum}"], r"maneuvers\.jump\.problem: got solo12_jum: no such file"),
         (["maneuvers.jump={problem: solo12_balance}"], r"maneuvers\.jump\.problem: .*the config of a closed loop"),
         (["maneuvers.jump.set={problem.yaw_dg: 1}"], r"maneuvers\.jump\.set: got problem\.yaw_dg: an unknown key"),

@@ -15,8 +15,9 @@ from lgmpc.control.drives import DriveSettings, JointReferences
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.lying import LegFolding, RiseMotion
-from lgmpc.control.maneuver import Maneuver, Performance
+from lgmpc.control.maneuver import Maneuver
 from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Transition, TransitionInputs
+from lgmpc.control.performance import Performance, Performer
 from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
 from lgmpc.control.reference import ComReference, DesiredMotion, MotionTasks
@@ -28,7 +29,6 @@ from lgmpc.locomotion.gait import Gait
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
 from lgmpc.status import Status
-from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
 __all__ = ["LeggedController"]
@@ -122,12 +122,9 @@ class LeggedController:
         self._inputs = TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
         self._rest = RestMonitor(self._mode_settings.rest_s, self._mode_settings.rearm == "automatic")
-        self._maneuvers = {each.name: each for each in maneuvers}
-        self._performance: Performance | None = None
-        self._commanded: tuple[str, float] | None = None  # the last manoeuvre that began
+        self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet)
         self._leg_folding = LegFolding(robot, self._mode_settings.lying)
         self._rise_motion = RiseMotion(self._mode_settings.lying)
-        self._displaced_since = math.inf
         self._weight = -robot.mass * float(robot.gravity[2])
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
@@ -142,7 +139,7 @@ class LeggedController:
     def reset(self) -> None:
         """Begin anew with the next finite state, whatever was before."""
         self._begun, self._waits, self._time = False, False, math.nan
-        self._performance = self._commanded = None
+        self._performer.reset()
         self.modes.begin(Mode.DAMP)
         self.wbc.reset()
         self.floor.reset()
@@ -197,8 +194,8 @@ class LeggedController:
         if mode is Mode.LIE:
             return self._lie(state)
         missed = self._advance_clock(state.time)
-        if self._performance is not None:
-            return self._perform(state, self._performance, missed)
+        if self._performer.present is not None:
+            return self._perform(state, self._performer.present, missed)
         if finite:
             self._step(state, request)
             if self.joint_friction is not None:
@@ -211,25 +208,14 @@ class LeggedController:
         self._expect(planner, status is Status.CONVERGED)
         return self._command(state)
 
-    def _perform(self, state: RobotState, performance: Performance, missed: int) -> Command:
+    def _perform(self, state: RobotState, present: Performance, missed: int) -> Command:
         """Advance a manoeuvre by one tick, and return its command."""
-        wbc, feet, planner, started = self.wbc, self.feet, self.planner, perf_counter()
-        if wbc.terms.finite:
-            performance.advance(state.contacts)
-        feet.stance[:], self.target[:], self.base_target[:] = performance.stance, performance.com, performance.base
-        feet.footholds[:] = feet.position[:] = wbc.terms.contact_points
-        if planner is not None:
-            if missed:
-                planner.observer.miss(missed)
-            planner.observe(self._measured.momentum)
-            if planner.due(state.time) or performance.landed:
-                node_s, friction = planner.mpc.settings.node_s, self._friction(planner)
-                performance.write_horizon(node_s, friction, planner.motion, planner.contacts)
-                planner.plan_from(state.time, wbc.terms)
-                self._planned, self._plan_s = True, perf_counter() - started
-            if feet.stance.any():
-                planner.follow(state.time, self._tasks, wbc.contacts)
-        self._expect(planner, wbc.solve() is Status.CONVERGED)
+        if self.planner is not None:
+            self.planner.observe(self._measured.momentum, missed)
+        self._plan_s = self._performer.advance(state.time, state.contacts, self.planner)
+        self._planned = self._plan_s > 0.0
+        self.target[:], self.base_target[:] = present.com, present.base
+        self._expect(self.planner, self.wbc.solve() is Status.CONVERGED)
         return self._command(state)
 
     def _at_effect(self, state: RobotState) -> RobotState:
@@ -242,15 +228,14 @@ class LeggedController:
     def _plan(self, time: float, planner: Planner, missed: int) -> None:
         """Estimate the external wrench, plan if it is time to, and write the plan's targets of this tick."""
         wbc, terms, steps, started = self.wbc, self.wbc.terms, self.push_steps, perf_counter()
-        if missed:
-            planner.observer.miss(missed)
-        wbc.external_wrench[...] = planner.observe(self._measured.momentum)
+        wbc.external_wrench[...] = planner.observe(self._measured.momentum, missed)
         # Feet that have just touched down would carry nothing until a plan includes them.
         if planner.due(time) or self.feet.changed:
             self._write_horizon(time, planner)
             planner.plan_from(time, terms)
             steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
-            self._return_feet(time)
+            if steps.return_feet(time, self._motion, self.command.moves, self._mode_settings):
+                self._inputs.reacting = True
             self._planned, self._plan_s = True, perf_counter() - started
         elif steps.deciding:
             if steps.decide(time, planner):
@@ -265,10 +250,7 @@ class LeggedController:
         if solved and self._predictor is not None:
             self._predictor.expect(wbc.acceleration)
         if planner is not None:
-            if solved:
-                planner.expect(wbc.terms, wbc.acceleration)
-            else:
-                planner.skip()
+            planner.expect(wbc.terms, wbc.acceleration if solved else None)
         if self.joint_friction is not None:
             self.joint_friction.expect(wbc.tau)
 
@@ -285,9 +267,10 @@ class LeggedController:
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
         upright, moving = self._upright if terms.finite else math.nan, self.command.moves
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
-        inputs.maneuver = request.maneuver is not None and request.maneuver != self._commanded
+        performance = self._performer.present
+        inputs.maneuver = self._performer.wanted(request)
         inputs.settled = all(feet.settled) and math.hypot(terms.px, terms.py) < _REST * self.robot.mass
-        inputs.performed = self._performance is not None and self._performance.done
+        inputs.performed = performance is not None and performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
         inputs.failure = ""
         if mode is Mode.DAMP:
@@ -298,8 +281,8 @@ class LeggedController:
             height = terms.z if terms.finite else math.nan
             solved = self.wbc.status is Status.CONVERGED
             inputs.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
-            if self._performance is not None:
-                inputs.failure = inputs.failure or self._performance.failure
+            if performance is not None:
+                inputs.failure = inputs.failure or performance.failure
             if mode.upright and not inputs.failure:
                 touching = state.contacts is None or True in state.contacts.tolist()
                 inputs.failure = self._fall.update_support(
@@ -324,8 +307,8 @@ class LeggedController:
         _LOG.log(level, "%s at %.3f s%s: the robot %s", transition.name, state.time, why, mode.value)
         inputs.lifted = False
         self._fall.reset()
-        if self._performance is not None:
-            self._end_maneuver(state)
+        if self._performer.present is not None:
+            self._end_maneuver(state.time)
         if mode is Mode.DAMP:
             self.wbc.reset()
             self._rest.begin(inputs.request)
@@ -338,31 +321,24 @@ class LeggedController:
             lying = np.array([0.0, 0.0, self._leg_folding.crouch - self.feet.legs.height])
             self._rise_motion.begin(state.time, np.zeros(3), lying)
         elif mode is Mode.MANEUVER:
-            self._begin_maneuver(self.commands.at(state.time))
+            self._performer.begin(self.commands.at(state.time))
         elif transition.name == "risen" and self.planner is not None:
             self.planner.reset()
         elif transition.name == "halt":
             # It was to move, not to reach a place: it stands above its feet, wherever they came down.
             heading = self._desired.builder.yaw
-            self._desired.builder.begin(self._above_feet(heading), heading)
+            self._desired.builder.begin(self.feet.legs.above(self.wbc.terms.contact_points, heading), heading)
         if not mode.upright:
             self.push_steps.stop()
             self.wbc.external_wrench[:] = 0.0
 
-    def _begin_maneuver(self, request: MotionCommand) -> None:
-        assert request.maneuver is not None
-        self._commanded = request.maneuver
-        self._performance = Performance(self._maneuvers[request.maneuver[0]], self.wbc, self._tasks, self.robot)
-
-    def _end_maneuver(self, state: RobotState) -> None:
+    def _end_maneuver(self, time: float) -> None:
         """Stand where the feet are."""
-        assert self._performance is not None
-        self._performance.end()
-        self._performance = None
+        self._performer.end()
         terms = self.wbc.terms
-        self.feet.begin(state.time, terms.contact_points, None)
+        self.feet.begin(time, terms.contact_points, None)
         self._desired.rest()
-        self._desired.builder.begin(self._above_feet(terms.yaw), terms.yaw)
+        self._desired.builder.begin(self.feet.legs.above(terms.contact_points, terms.yaw), terms.yaw)
         if self.planner is not None:
             self.planner.reset()
 
@@ -375,17 +351,9 @@ class LeggedController:
         self.floor.reset()
         self.feet.begin(time, terms.contact_points, None)
         self._desired.rest()
-        standing = self._above_feet(yaw)
+        standing = self.feet.legs.above(terms.contact_points, yaw)
         self._desired.builder.begin(standing, yaw)
         self._rise_motion.begin(time, terms.com - standing, np.zeros(3))
-
-    def _above_feet(self, yaw: float) -> Array:
-        """Return (3,) where the centre of mass of the reference posture is, the feet where they are, m."""
-        middle, legs = self.wbc.terms.contact_points.mean(axis=0), self.feet.legs
-        x, y, _ = legs.feet.mean(axis=0).tolist()
-        c, s = math.cos(yaw), math.sin(yaw)
-        above: Array = middle + [s * y - c * x, -s * x - c * y, legs.height]
-        return above
 
     def _step(self, state: RobotState, request: MotionCommand) -> None:
         """Advance command, desired motion and feet, and write what the whole-body QP takes of them."""
@@ -417,20 +385,6 @@ class LeggedController:
             self._inputs.lifted = self._rise_motion.update(time)
             wbc.external_wrench[2] = self._rise_motion.support * self._weight
             self._desired.write_lift(self._tasks, self._rise_motion, self._leg_folding)
-
-    def _return_feet(self, time: float) -> None:
-        """Step in place if a foot of a robot at rest is far from where it belongs."""
-        settings, motion, reference = self._mode_settings, self._motion, self._desired.builder
-        displaced = (
-            self.feet.standing
-            and not self.command.moves
-            and math.hypot(motion.vx, motion.vy) < _REST
-            and self.feet.displacement(reference.x, reference.y, reference.yaw) > settings.displaced_m
-        )
-        self._displaced_since = min(self._displaced_since, time) if displaced else math.inf
-        if time - self._displaced_since >= settings.displaced_s:
-            self._displaced_since = math.inf
-            self._inputs.reacting = self.feet.step_in_place(time)
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings

@@ -136,17 +136,26 @@ class Planner:
             joints.position[:] = posture.joint_position[row]
             joints.velocity[:] = posture.joint_velocity[row]
 
-    def observe(self, momentum: Array) -> Array:
-        """Return (6,) the external wrench estimated from the measured momentum (6,); call once a tick."""
+    def observe(self, momentum: Array, missed: int = 0) -> Array:
+        """Return (6,) the external wrench estimated from the measured momentum (6,); call once a tick.
+
+        Args:
+            momentum: [linear; angular], world axes.
+            missed: ticks without a call since the last one.
+        """
+        if missed:
+            self.observer.miss(missed)
         return self.observer.update(momentum)
 
-    def expect(self, terms: WholeBodyTerms, acceleration: Array) -> None:
-        """Give the observer the momentum rate that the whole-body QP's acceleration (nv,) results in."""
-        self.observer.expect(terms.momentum_rate(acceleration))
+    def expect(self, terms: WholeBodyTerms, acceleration: Array | None) -> None:
+        """Give the observer the momentum rate that the whole-body QP's acceleration (nv,) results in.
 
-    def skip(self) -> None:
-        """Leave this tick's command out of the observation: its torques are a fall-back's."""
-        self.observer.skip()
+        Without one this tick's command is left out of the observation: its torques are a fall-back's.
+        """
+        if acceleration is None:
+            self.observer.skip()
+        else:
+            self.observer.expect(terms.momentum_rate(acceleration))
 
 
 class PlanSampler:

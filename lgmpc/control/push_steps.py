@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, replace
 
 from lgmpc.control.feet import Feet
+from lgmpc.control.modes import ModeSettings
 from lgmpc.control.planner import Planner
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
@@ -20,6 +21,7 @@ from lgmpc.wbc import WholeBodyTerms
 __all__ = ["PushSteps"]
 
 _LOG = logging.getLogger(__name__)
+_REST = 0.05  # m/s
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ class PushSteps:
         self.costs: list[float] = []
         self._feet, self._reference, self._mass = feet, reference, mass
         self._height = feet.legs.height
+        self._displaced_since = math.inf
         self._reaction = StepReaction(settings, self._height)
         self._schedules = feet.step_schedules() if settings.enabled else ()
         self.deciding = False
@@ -155,6 +158,28 @@ class PushSteps:
         self._feet.start(time, best)
         self.active = True
         return True
+
+    def return_feet(self, time: float, motion: BaseMotion, moves: bool, settings: ModeSettings) -> bool:
+        """Step in place if a foot of a robot at rest has long been far from where it belongs; return whether it does.
+
+        Args:
+            time: s.
+            motion: of the robot in the plane.
+            moves: whether a velocity is commanded.
+            settings: how far and how long.
+        """
+        reference, feet = self._reference, self._feet
+        displaced = (
+            feet.standing
+            and not moves
+            and math.hypot(motion.vx, motion.vy) < _REST
+            and feet.displacement(reference.x, reference.y, reference.yaw) > settings.displaced_m
+        )
+        self._displaced_since = min(self._displaced_since, time) if displaced else math.inf
+        if time - self._displaced_since < settings.displaced_s:
+            return False
+        self._displaced_since = math.inf
+        return feet.step_in_place(time)
 
     def _write_horizon(self, schedule: StepSchedule, pushed: _Pushed, node_s: float) -> None:
         """Write the contacts that a schedule would lead to."""

@@ -45,6 +45,18 @@ class LegGeometry:
         """Height of the centre of mass above the mean contact point, m."""
         return -float(self.feet[:, 2].mean())
 
+    def above(self, points: Array, yaw: float) -> Array:
+        """Return (3,) where the centre of mass of the reference posture is, its feet at ``points`` (n, 3), m.
+
+        Args:
+            points: contact points, world, m; those of the reference posture if they have moved with the base.
+            yaw: heading of the base, rad.
+        """
+        x, y, _ = self.feet.mean(axis=0).tolist()
+        c, s = math.cos(yaw), math.sin(yaw)
+        above: Array = points.mean(axis=0) + [s * y - c * x, -s * x - c * y, self.height]
+        return above
+
     @classmethod
     def of(cls, robot: Robot) -> LegGeometry:
         """Return the geometry of a robot's legs.

@@ -290,6 +290,8 @@ EXEMPT: dict[str, str] = {
     "robot.collision_shapes": "only a plant has them; walked in a closed loop, shape by shape",
     "robot.collision_shapes.?.kind": "selects a shape; the keys of all shapes are walked",
     "changes": "settings of the other keys",
+    "maneuvers": "planned motions, see tests/test_maneuvers.py",
+    "commands.?.maneuver": "their names",
     "commands": "walked entry by entry where there are some",
     "modes.rearm": "of robots that fell, see tests/test_modes.py",
     "modes.fall.failing_s": "of robots whose solver fails, see tests/control/test_modes.py",

@@ -123,7 +123,9 @@ def test_every_limit_of_the_gate_can_fail_a_run(standing, field) -> None:
         metrics = replace(metrics, **{metric: worst})
     limit = (
         1
-        if field.endswith(("failures", "misses", "steps", "contacts", "falls", "rises", "descents", "collisions"))
+        if field.endswith(
+            ("failures", "misses", "steps", "contacts", "falls", "rises", "descents", "maneuvers", "collisions")
+        )
         else 0.5
     )
     (reason,) = judge(metrics, Gate(**{field: limit})).reasons

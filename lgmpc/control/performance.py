@@ -1,0 +1,262 @@
+"""Performance of planned motions by the controller that stands and walks.
+
+A manoeuvre is the solution of an optimal control problem. Its motion is the reference of the MPC and of the whole-body
+QP, its contacts are their schedule; its torques and the solver's gains are not used: those of the plan's model do not
+stop what the plan's model does not have. Two things follow the robot:
+
+- the clock. A foot that touches the ground in the second half of a flight ends it; a flight that the plan has ended
+  goes on until a foot touches the ground, or the manoeuvre has failed;
+- the place. It begins where the feet stand, along the robot's heading, and goes on from where they land.
+
+In the air the whole-body QP holds the planned joint motion, stiffly: momenta cannot be changed there.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+
+from lgmpc.control.feet import Feet
+from lgmpc.control.maneuver import Maneuver
+from lgmpc.control.planner import Planner
+from lgmpc.control.reference import MotionTasks
+from lgmpc.locomotion.command import MotionCommand
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.robot import Robot
+from lgmpc.typing import Array, BoolArray
+from lgmpc.wbc import WholeBodyController
+
+__all__ = ["Performance", "Performer"]
+
+_LOG = logging.getLogger(__name__)
+
+_LATE = 0.15
+"""s; longest wait for a touchdown."""
+
+_SETTLING = 0.08
+"""s after a touchdown in which feet carry only once they touch the ground."""
+
+_SURE = 2
+"""Ticks of contact that end a flight early."""
+
+_WEIGHTS = {"base_orientation": 10.0 / 3.0, "angular_momentum": 10.0}
+"""Weights on the ground, in units of those while feet swing."""
+
+_GAINS = {"stance": 400.0, "flight": 2500.0}
+"""1/s2; stiffness of the joints, critically damped; that of the centre of mass is as on the ground."""
+
+_POSTURE_WEIGHT = {"stance": 1.0, "flight": 10.0}
+"""Weights of the joints' accelerations: in the air they are all that can be controlled."""
+
+
+class Performance:
+    """A manoeuvre that is performed: its clock, its place, and the targets of each tick.
+
+    Args:
+        maneuver: the manoeuvre, in its own place.
+        wbc: the whole-body controller, sensed at the present tick.
+        tasks: its tasks.
+        robot: the controller's model.
+
+    Attributes:
+        plan: the manoeuvre where it is performed.
+        done: whether it is over.
+        failure: reason why it cannot go on; empty if it can.
+        stance: (nc,) which feet carry at this tick.
+        landed: whether the last tick began a stance.
+    """
+
+    def __init__(self, maneuver: Maneuver, wbc: WholeBodyController, tasks: MotionTasks, robot: Robot) -> None:
+        self.plan = maneuver.placed(wbc.terms.contact_points, wbc.terms.yaw)
+        self.done, self.landed, self.failure = False, False, ""
+        self.stance = self.plan.stance[0].copy()
+        self._wbc, self._tasks, self._robot = wbc, tasks, robot
+        self._flights = self.plan.flights
+        self._row, self._waited, self._since_landing = -1, 0, len(self.plan.q)
+        self._shift = np.zeros(3)
+        self._touching = np.zeros(len(self.stance), dtype=np.int_)
+        self._flies = False
+        changed = (tasks.com, tasks.base_orientation, tasks.angular_momentum, tasks.posture, tasks.swing)
+        self._before = [(task, task.weight.copy(), task.kp.copy(), task.kd.copy()) for task in changed]
+        self._set_weights(flies=False)
+
+    @property
+    def com(self) -> Array:
+        """(3,) planned centre of mass of this tick, where the robot is, m."""
+        com: Array = self.plan.com[self._row] + self._shift
+        return com
+
+    @property
+    def base(self) -> Array:
+        """(7,) planned base pose of this tick [position, quaternion x y z w]."""
+        pose = self.plan.q[self._row, :7].copy()
+        pose[:3] += self._shift
+        return pose
+
+    def advance(self, contacts: BoolArray | None) -> None:
+        """Advance by one tick, and write the targets; ``contacts`` (nc,) are measured, None where they are not."""
+        self.landed = False
+        flight = self._flight(self._row + 1)
+        if flight is None:
+            self._row += 1
+        else:
+            self._fly(*flight, contacts)
+        if self._row >= len(self.plan.q):
+            self._row, self.done = len(self.plan.q) - 1, True
+        self._since_landing += 1
+        self.stance[:] = self.plan.stance[self._row]
+        if self._since_landing * self.plan.period < _SETTLING and contacts is not None and contacts.any():
+            self.stance &= contacts
+        self._write_targets()
+
+    def end(self) -> None:
+        """Return weights and gains to what they were before."""
+        for task, weight, kp, kd in self._before:
+            task.weight[:], task.kp[:], task.kd[:] = weight, kp, kd
+
+    def write_horizon(self, node_s: float, friction: float, motion: MotionReference, contacts: ContactHorizon) -> None:
+        """Write the planned motion and contacts over the MPC's horizon, which begins at this tick."""
+        plan, last = self.plan, len(self.plan.q) - 1
+        nodes = np.minimum(self._row + np.rint(node_s / plan.period * np.arange(len(motion.com))).astype(int), last)
+        middles = np.minimum(nodes[:-1] + round(0.5 * node_s / plan.period), last)
+        motion.com[:] = plan.com[nodes] + self._shift
+        motion.com_velocity[:] = plan.momentum[nodes, :3] / self._robot.mass
+        motion.q[:] = plan.q[nodes]
+        motion.q[:, :3] += self._shift
+        motion.angular_velocity[:] = (plan.rotation[nodes] @ plan.v[nodes, 3:6, None])[..., 0]
+        motion.catching = False
+        contacts.flags[:] = plan.stance[middles]
+        contacts.flags[0] = self.stance
+        contacts.points[:] = plan.points[middles] + self._shift
+        stays = np.logical_and.accumulate(contacts.flags, axis=0) & self.stance
+        contacts.points[stays] = np.broadcast_to(self._wbc.terms.contact_points, contacts.points.shape)[stays]
+        contacts.normals[:] = self._wbc.terms.normals
+        contacts.friction[:] = friction
+
+    def _flight(self, row: int) -> tuple[int, int] | None:
+        """Return the flight that a tick is in."""
+        return next(((begin, end) for begin, end in self._flights if begin <= row < end), None)
+
+    def _fly(self, begin: int, end: int, contacts: BoolArray | None) -> None:
+        """Advance in a flight: to its end if a foot touches early, no further than its end until one does."""
+        self._row += 1
+        if contacts is None:
+            return
+        self._touching = np.where(contacts, self._touching + 1, 0)
+        early = self._row > 0.5 * (begin + end) and self._touching.max() >= _SURE
+        if early:
+            self._row = end
+        elif self._row == end - 1 and not contacts.any():
+            self._waited += 1
+            self._row -= 1
+            if self._waited * self.plan.period > _LATE:
+                self.failure = f"no ground {_LATE:g} s after the planned touchdown"
+        if self._row == end:
+            self._land()
+
+    def _land(self) -> None:
+        """Go on from where the feet are."""
+        middle = self._wbc.terms.contact_points.mean(axis=0)
+        self._shift = middle - self.plan.points[self._row].mean(axis=0)
+        self._touching[:], self._waited, self._since_landing, self.landed = 0, 0, 0, True
+
+    def _set_weights(self, flies: bool) -> None:
+        phase, tasks = "flight" if flies else "stance", self._tasks
+        stepping, share = self._wbc.settings.scaled(self._robot).stepping_weights, 0.0 if flies else 1.0
+        tasks.com.weight[:] = share * np.asarray(stepping.com)
+        tasks.base_orientation.weight[:] = share * _WEIGHTS["base_orientation"] * stepping.base_orientation
+        tasks.angular_momentum.weight[:] = share * _WEIGHTS["angular_momentum"] * stepping.angular_momentum
+        tasks.posture.weight[:], tasks.swing.weight[:] = _POSTURE_WEIGHT[phase], 0.0
+        for task, stiffness in ((tasks.posture, _GAINS[phase]), (tasks.com, _GAINS["stance"])):
+            task.kp[:], task.kd[:] = stiffness, 2.0 * math.sqrt(stiffness)
+
+    def _write_targets(self) -> None:
+        plan, row, tasks, mass = self.plan, self._row, self._tasks, self._robot.mass
+        flies = not self.stance.any()
+        if flies is not self._flies:
+            self._flies = flies
+            self._set_weights(flies)
+        self._wbc.contacts.stance[:] = self.stance
+        self._wbc.contacts.target_forces[:] = plan.forces[row] * self.stance[:, None]
+        com, base, momentum = tasks.com.target, tasks.base_orientation.target, tasks.angular_momentum.target
+        com.position[:] = plan.com[row] + self._shift
+        com.velocity[:], com.acceleration[:] = plan.momentum[row, :3] / mass, plan.momentum_rate[row, :3] / mass
+        base.rotation[:], base.angular_velocity[:] = plan.rotation[row], plan.v[row, 3:6]
+        momentum.momentum[:], momentum.rate[:] = plan.momentum[row, 3:], plan.momentum_rate[row, 3:]
+        joints, of = tasks.posture.target, self._robot.joint_v
+        joints.position[:], joints.velocity[:] = plan.q[row, self._robot.joint_q], plan.v[row, of]
+        joints.acceleration[:] = plan.acceleration[row, of]
+
+
+class Performer:
+    """Begins, advances and ends the manoeuvres that commands name.
+
+    Args:
+        robot: the controller's model.
+        maneuvers: planned motions that commands may name.
+        wbc: the whole-body controller.
+        tasks: its tasks.
+        feet: which carry.
+
+    Attributes:
+        present: the manoeuvre that is performed; None if there is none.
+    """
+
+    def __init__(
+        self, robot: Robot, maneuvers: Sequence[Maneuver], wbc: WholeBodyController, tasks: MotionTasks, feet: Feet
+    ) -> None:
+        self.present: Performance | None = None
+        self._known = {each.name: each for each in maneuvers}
+        self._begun: tuple[str, float] | None = None  # as commanded
+        self._robot, self._wbc, self._tasks, self._feet = robot, wbc, tasks, feet
+
+    def reset(self) -> None:
+        """End what is performed; every command may begin a manoeuvre again."""
+        self.end()
+        self._begun = None
+
+    def wanted(self, request: MotionCommand) -> bool:
+        """Return whether a command names a manoeuvre that it has not begun yet."""
+        if request.maneuver is None or request.maneuver == self._begun:
+            return False
+        if request.maneuver[0] not in self._known:
+            _LOG.warning("there is no manoeuvre '%s': the command is ignored", request.maneuver[0])
+            self._begun = request.maneuver
+            return False
+        return True
+
+    def begin(self, request: MotionCommand) -> None:
+        """Begin the manoeuvre of a command, from the sensed state."""
+        assert request.maneuver is not None
+        self._begun = request.maneuver
+        self.present = Performance(self._known[request.maneuver[0]], self._wbc, self._tasks, self._robot)
+
+    def end(self) -> None:
+        """Return weights and gains to what they were before."""
+        if self.present is not None:
+            self.present.end()
+        self.present = None
+
+    def advance(self, time: float, contacts: BoolArray | None, planner: Planner | None) -> float:
+        """Advance by one tick, and write the targets; return the time that planning took, s, 0 without."""
+        present, feet, wbc, started = self.present, self._feet, self._wbc, perf_counter()
+        assert present is not None
+        if wbc.terms.finite:
+            present.advance(contacts)
+        feet.stance[:] = present.stance
+        feet.footholds[:] = feet.position[:] = wbc.terms.contact_points
+        if planner is None:
+            return 0.0
+        planned = planner.due(time) or present.landed
+        if planned:
+            settings = planner.mpc.settings
+            friction = min(settings.friction, float(wbc.contacts.friction[0]))
+            present.write_horizon(settings.node_s, friction, planner.motion, planner.contacts)
+            planner.plan_from(time, wbc.terms)
+        if feet.stance.any():
+            planner.follow(time, self._tasks, wbc.contacts)
+        return perf_counter() - started if planned else 0.0

@@ -266,7 +266,7 @@ class Feet:
     def _move(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
         path = self._swings[foot]
         if not self.events.searching(foot):
-            if path.blocked(point, velocity, self.position[foot], self.velocity[foot]):
+            if path.blocked(point, velocity, self.position[foot], self.velocity[foot], self._period):
                 self._touch(math.inf)
                 path.step_over(time, point)
                 self.clock.extend(foot, time, path.touchdown)

@@ -28,6 +28,7 @@ _PEAK = 10.0 / math.sqrt(3.0)
 """Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
 
 _OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of that are pushed
+_LOST_COMMANDS = 3
 _LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
 _RISING_SHARE = 0.6
 """Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
@@ -156,7 +157,7 @@ class SwingTrajectory:
         self._plan_fall(t, (z, 0.0, 0.0))
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
-    def blocked(self, position: Array, velocity: Array, wanted: Array, moving: Array) -> bool:
+    def blocked(self, position: Array, velocity: Array, wanted: Array, moving: Array, period: float = 0.0) -> bool:
         """Return whether an obstacle holds the foot back: it is behind its path, and does not catch up.
 
         Args:
@@ -164,13 +165,14 @@ class SwingTrajectory:
             velocity: (3,) m/s.
             wanted: (3,) position of the path, m.
             moving: (3,) velocity of the path, m/s.
+            period: between two commands, s; some of them may get lost.
         """
         vx, vy = float(moving[0]), float(moving[1])
         speed = math.hypot(vx, vy)
         if speed < _LEAST_SPEED:
             return False
         x, y, _ = (wanted - position).tolist()
-        behind = vx * x + vy * y > self._obstructed * speed
+        behind = vx * x + vy * y > (self._obstructed + _LOST_COMMANDS * period * speed) * speed
         return behind and vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
 
     def step_over(self, t: float, position: Array) -> None:

@@ -108,29 +108,15 @@ class Gate(Settings):
     max_torque_step_nm: Bound = _limit(
         "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m."
     )
-    min_maneuvers: Number | None = Field(default=None, description="Number of manoeuvres performed to their end.")
-    min_maneuver_rise_m: NonNegative | None = Field(
-        default=None, description="Rise of the centre of mass in the last manoeuvre, m."
-    )
-    max_maneuver_rise_m: NonNegative | None = Field(
-        default=None, description="Rise of the centre of mass in the last manoeuvre, m."
-    )
-    min_maneuver_distance_m: NonNegative | None = Field(
-        default=None, description="Horizontal way of the centre of mass in the last manoeuvre, m."
-    )
-    max_maneuver_distance_m: NonNegative | None = Field(
-        default=None, description="Horizontal way of the centre of mass in the last manoeuvre, m."
-    )
-    min_maneuver_turn_deg: Finite | None = Field(
-        default=None, description="Change of the heading in the last manoeuvre to the left, degrees."
-    )
-    max_maneuver_turn_deg: Finite | None = Field(
-        default=None, description="Change of the heading in the last manoeuvre to the left, degrees."
-    )
-    min_flight_s: NonNegative | None = Field(default=None, description="Time without contact in the last manoeuvre, s.")
-    max_landing_tilt_deg: NonNegative | None = Field(
-        default=None, description="Largest tilt of the base after the flight of the last manoeuvre, degrees."
-    )
+    min_maneuvers: Count = _limit("Number of manoeuvres performed to their end.")
+    min_maneuver_rise_m: Bound = _limit("Rise of the centre of mass in the last manoeuvre, m.")
+    max_maneuver_rise_m: Bound = _limit("Rise of the centre of mass in the last manoeuvre, m.")
+    min_maneuver_distance_m: Bound = _limit("Horizontal way of the centre of mass in the last manoeuvre, m.")
+    max_maneuver_distance_m: Bound = _limit("Horizontal way of the centre of mass in the last manoeuvre, m.")
+    min_maneuver_turn_deg: Finite | None = _limit("Turn of the heading to the left in the last manoeuvre, degrees.")
+    max_maneuver_turn_deg: Finite | None = _limit("Turn of the heading to the left in the last manoeuvre, degrees.")
+    min_flight_s: Bound = _limit("Time without contact in the last manoeuvre, s.")
+    max_landing_tilt_deg: Bound = _limit("Largest tilt of the base after the flight of the last manoeuvre, degrees.")
 
     @property
     def limits(self) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,18 +14,18 @@ from lgmpc.cli.options import (
     AsJson,
     ConfigFile,
     ConfigOrChange,
-    FigureKind,
     From,
     MoreOverrides,
     OutFolder,
     Overrides,
-    PlantKind,
     Quiet,
     RunName,
     RunsFolder,
+    argument,
     complete_config,
     complete_demo,
     complete_run,
+    option,
 )
 from lgmpc.cli.screen import guarded, show_page
 from lgmpc.cli.screen import out as stdout
@@ -75,7 +75,7 @@ def run(
     origin: From = "",
     out: OutFolder = Path("runs"),
     plant: Annotated[
-        PlantKind | None, typer.Option(help="Physics engine; the config's if not given.", show_default=False)
+        Literal["mujoco", "pinocchio"] | None, option("Physics engine; the config's if not given.")
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -86,7 +86,7 @@ def run(
     """
     from lgmpc.cli.running import run_shown
 
-    changes = [*overrides, *more, *([f"plant.kind={plant.value}"] if plant else [])]
+    changes = [*overrides, *more, *([f"plant.kind={plant}"] if plant else [])]
     return run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet)
 
 
@@ -169,10 +169,7 @@ _command(studies.sweep)
 def play(
     run: RunName,
     html: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write one self-contained page to this file instead of opening a viewer.", show_default=False
-        ),
+        Path | None, option("Write one self-contained page to this file instead of opening a viewer.")
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the viewer on this machine; 0 takes any free one.")] = 0,
     runs: RunsFolder = Path("runs"),
@@ -189,10 +186,7 @@ def play(
 @_command
 def plot(
     run: RunName,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the figures; figures/ in the run's own if not given.", show_default=False),
-    ] = None,
+    out: Annotated[Path | None, option("Folder for the figures; figures/ in the run's own if not given.")] = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Draw the figures of a run (motion, forces, torques, timings) or of a solved trajectory."""
@@ -207,10 +201,7 @@ def plot(
 @_command
 def explain(
     run: RunName,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the figure; figures/ in the run's own if not given.", show_default=False),
-    ] = None,
+    out: Annotated[Path | None, option("Folder for the figure; figures/ in the run's own if not given.")] = None,
     runs: RunsFolder = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
@@ -228,18 +219,9 @@ def explain(
 @_command
 def report(
     run: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN|SWEEP",
-            help="A run folder, `latest`, or a sweep's folder.",
-            show_default=False,
-            autocompletion=complete_run,
-        ),
+        str, argument("A run folder, `latest`, or a sweep's folder.", metavar="RUN|SWEEP", complete=complete_run)
     ],
-    html: Annotated[
-        Path | None,
-        typer.Option(help="File to write; report.html in the folder itself if not given.", show_default=False),
-    ] = None,
+    html: Annotated[Path | None, option("File to write; report.html in the folder itself if not given.")] = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Write one self-contained page: verdict, events, figures, replay, config, versions; of a sweep its tables.
@@ -267,7 +249,7 @@ def demo(
         typer.Argument(metavar="[NAME]", help="Its name; all are listed if not given.", autocompletion=complete_demo),
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder for table, figure and scene.")] = Path("demos"),
-    figure: Annotated[FigureKind, typer.Option("--format", help="Kind of file for the figure.")] = FigureKind.PNG,
+    figure: Annotated[Literal["png", "svg"], typer.Option("--format", help="Kind of file for the figure.")] = "png",
     view: Annotated[bool, typer.Option(help="Open the scene in a browser, if there is a desktop.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
 ) -> int | None:
@@ -281,7 +263,7 @@ def demo(
     if not name:
         list_demos()
         return None
-    return show_demo(name, out, figure.value, view=view, as_json=as_json)
+    return show_demo(name, out, figure, view=view, as_json=as_json)
 
 
 @_command
@@ -302,19 +284,10 @@ def check(
 @_command
 def configs(
     copy: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="Write this one to DEST instead of listing them.",
-            show_default=False,
-            autocompletion=complete_config,
-        ),
+        str, option("Write this one to DEST instead of listing them.", metavar="NAME", complete=complete_config)
     ] = "",
     destination: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[DEST]", help="File or folder to write to; this folder if not given.", show_default=False
-        ),
+        Path | None, argument("File or folder to write to; this folder if not given.", metavar="[DEST]")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
 ) -> None:

@@ -107,7 +107,7 @@ def counting_display(
         if first < 0:
             first, began = done, perf_counter()
         left = (perf_counter() - began) * (total - done) / max(1, done - first)
-        return done, text + (f"  about {_duration_words(left)} left" if done > first else "")
+        return done, text + (f"  about {_duration_words(left)} left" if total > done > first else "")
 
     def lines(now: Step) -> Iterator[str]:
         nonlocal due
@@ -120,8 +120,13 @@ def counting_display(
         done, text = state(now)
         return {"completed": done, "total": total, "state": f"{done} / {total}{text}"}
 
+    def announce(message: str) -> None:
+        nonlocal first
+        first = -1  # preparations do not count
+        display.announce(message)
+
     with progress_display(console, lines, bar, quiet=quiet) as display:
-        yield display
+        yield Display(announce, display.advance)
 
 
 def _duration_words(seconds: float) -> str:

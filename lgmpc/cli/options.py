@@ -5,9 +5,9 @@ Where no name begins with what was typed, the shell completes file names, so the
 
 from __future__ import annotations
 
-from enum import Enum
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -15,20 +15,30 @@ __all__ = [
     "AsJson",
     "ConfigFile",
     "ConfigOrChange",
-    "FigureKind",
     "From",
     "MoreOverrides",
     "OutFolder",
     "Overrides",
-    "PlantKind",
     "Quiet",
     "RunName",
     "RunsFolder",
+    "argument",
     "complete_config",
     "complete_demo",
     "complete_run",
     "complete_sweep",
+    "option",
 ]
+
+
+def option(help: str, *names: str, metavar: str | None = None, complete: Callable[..., Any] | None = None) -> Any:
+    """Return an option whose help displays no default."""
+    return typer.Option(*names, metavar=metavar, help=help, show_default=False, autocompletion=complete)
+
+
+def argument(help: str, *, metavar: str | None = None, complete: Callable[..., Any] | None = None) -> Any:
+    """Return an argument whose help displays no default."""
+    return typer.Argument(metavar=metavar, help=help, show_default=False, autocompletion=complete)
 
 
 def complete_config(incomplete: str) -> list[tuple[str, str]]:
@@ -59,36 +69,20 @@ def complete_demo(incomplete: str) -> list[tuple[str, str]]:
     return [(name, summary) for name, summary in SUMMARIES.items() if name.startswith(incomplete)]
 
 
-class FigureKind(str, Enum):
-    """Formats of files that ``--format`` accepts."""
-
-    PNG = "png"
-    SVG = "svg"
-
-
-class PlantKind(str, Enum):
-    """Physics engines that ``--plant`` accepts."""
-
-    MUJOCO = "mujoco"
-    PINOCCHIO = "pinocchio"
-
-
 ConfigFile = Annotated[
     Path,
-    typer.Argument(
+    argument(
+        "A YAML file, or the name of a shipped config (`lgmpc configs` lists them).",
         metavar="CONFIG",
-        help="A YAML file, or the name of a shipped config (`lgmpc configs` lists them).",
-        show_default=False,
-        autocompletion=complete_config,
+        complete=complete_config,
     ),
 ]
 ConfigOrChange = Annotated[
     str,
-    typer.Argument(
+    argument(
+        "A YAML file, or the name of a shipped config (`lgmpc configs` lists them). None with --from.",
         metavar="CONFIG",
-        help="A YAML file, or the name of a shipped config (`lgmpc configs` lists them). None with --from.",
-        show_default=False,
-        autocompletion=complete_config,
+        complete=complete_config,
     ),
 ]
 From = Annotated[
@@ -118,8 +112,5 @@ MoreOverrides = Annotated[
 OutFolder = Annotated[Path, typer.Option("--out", help="Folder in which the run folder is created.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show only the verdict, and no progress.")]
-RunName = Annotated[
-    str,
-    typer.Argument(metavar="RUN", help="A run folder, or `latest`.", show_default=False, autocompletion=complete_run),
-]
+RunName = Annotated[str, argument("A run folder, or `latest`.", metavar="RUN", complete=complete_run)]
 RunsFolder = Annotated[Path, typer.Option("--runs", help="Folder of run folders, for `latest` and names.")]

@@ -14,35 +14,28 @@ from lgmpc.cli.options import (
     Overrides,
     Quiet,
     RunsFolder,
+    argument,
     complete_config,
     complete_run,
     complete_sweep,
+    option,
 )
 
 __all__ = ["ablate", "compare", "sweep", "tune"]
 
-Workers = Annotated[
-    int | None, typer.Option(help="Worker processes; one for each processor if not given.", show_default=False)
-]
+Workers = Annotated[int | None, option("Worker processes; one for each processor if not given.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
-Changes = Annotated[
-    list[str],
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value; may be repeated.", show_default=False),
-]
-NewFolder = Annotated[
-    Path | None,
-    typer.Option("--out", help="Folder of the results; named after CONFIG if not given.", show_default=False),
-]
+Changes = Annotated[list[str], option("Change a value; may be repeated.", "--set", metavar="KEY=VALUE")]
+NewFolder = Annotated[Path | None, option("Folder of the results; named after CONFIG if not given.", "--out")]
 
 
 def sweep(
     file: Annotated[
         Path,
-        typer.Argument(
+        argument(
+            "A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
             metavar="SWEEP",
-            help="A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
-            show_default=False,
-            autocompletion=complete_sweep,
+            complete=complete_sweep,
         ),
     ],
     more: MoreOverrides = [],  # noqa: B006
@@ -50,12 +43,7 @@ def sweep(
     out: NewFolder = None,
     workers: Workers = None,
     dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Compute on a Dask cluster: the address of its scheduler (extra `dask`).",
-            show_default=False,
-        ),
+        str | None, option("Compute on a Dask cluster: the address of its scheduler (extra `dask`).", metavar="ADDRESS")
     ] = None,
     resume: Resume = False,
     as_json: AsJson = False,
@@ -127,11 +115,10 @@ def ablate(
 def tune(
     source: Annotated[
         Path,
-        typer.Argument(
+        argument(
+            "A config, tuned over seeds, or a sweep, tuned over its points.",
             metavar="CONFIG|SWEEP",
-            help="A config, tuned over seeds, or a sweep, tuned over its points.",
-            show_default=False,
-            autocompletion=complete_config,
+            complete=complete_config,
         ),
     ],
     keys: Annotated[

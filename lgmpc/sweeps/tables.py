@@ -27,7 +27,7 @@ class TextTable(NamedTuple):
 def summary_tables(summary: Summary, metrics: tuple[str, ...] | None) -> list[TextTable]:
     """Return the tables of groups, of levels and of pairs, those that have rows."""
     found = [group_table(summary, metrics), level_table(summary), _pairing_table(summary, metrics)]
-    return [each for i, each in enumerate(found) if each.rows or i == 0]
+    return [each for each in found if each.rows]
 
 
 def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:

@@ -35,11 +35,10 @@ from lgmpc.problems.flight import (
 )
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
 from lgmpc.problems.free_jump import FreeJumpSettings, build_free_jump
-from lgmpc.problems.leg_strokes import LegStrokes
 from lgmpc.problems.legged import build_gait, build_jump, build_legged
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, JumpWeights, LeggedSettings, LeggedWeights
 from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
-from lgmpc.problems.righting import RightingSettings, RightingWeights, build_righting
+from lgmpc.problems.righting import LegStrokes, RightingSettings, RightingWeights, build_righting
 from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
 from lgmpc.robot import Robot

@@ -26,7 +26,6 @@ from lgmpc.costs.library import (
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.clearances import clearance_items
 from lgmpc.problems.legged_settings import ContactGains, gains_of_contacts
 from lgmpc.problems.motion import (
     carry,
@@ -37,7 +36,7 @@ from lgmpc.problems.motion import (
     joint_limit_violation,
     reactions,
 )
-from lgmpc.problems.reach import TargetSettings
+from lgmpc.problems.reach import TargetSettings, clearance_items
 from lgmpc.problems.scenario import Scenario
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, problem

@@ -12,8 +12,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("upside_down_recovery", marks=pytest.mark.slow),  # fast: tests/problems/test_flight.py
-        pytest.param("iris_loop", marks=pytest.mark.slow),  # fast: also there
+        "upside_down_recovery",
         pytest.param("talos_reach", marks=pytest.mark.slow),
         pytest.param("solo12_righting", marks=pytest.mark.slow),
     ],

@@ -237,15 +237,15 @@ def test_feet_do_not_move_after_an_impact() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["solo12_walk", "solo12_trot", "solo12_jump", "anymal_walk", "anymal_trot"])
+@pytest.mark.parametrize("name", ["solo12_walk", "solo12_trot", "solo12_jump", "anymal_trot"])
 def test_shipped_problems_pass_their_gates(name: str) -> None:
     outcome = prepare_solve(load_solve_config(CONFIGS / f"{name}.yaml")).run(lambda iteration: None)
     assert outcome.verdict.passed, outcome.verdict.reasons
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pattern", ["walk", "trot", "pace", "bound"])
-def test_all_patterns_converge(pattern: str) -> None:
+@pytest.mark.parametrize("pattern", ["pace", "bound"])  # walk and trot: those that are shipped
+def test_other_patterns_converge(pattern: str) -> None:
     scenario = build_gait(
         solo12(),
         GaitSettings(

@@ -12,8 +12,8 @@ from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
 from lgmpc.ocp import Trajectory
 from lgmpc.problems import LegStrokes, RightingSettings, Scenario, build_righting
-from lgmpc.problems.leg_strokes import falling_motion
 from lgmpc.problems.motion import com_positions, refly, spins, trunk_clearance
+from lgmpc.problems.righting import falling_motion
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.solvers import LineSearchSqp, Solution, Status
 from lgmpc.typing import Array

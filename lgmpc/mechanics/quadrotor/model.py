@@ -118,12 +118,9 @@ class QuadrotorState:
         """Return this state, replaced by the other one for the selected elements of the batch."""
         if not chosen.any():
             return self
-        each, turn = chosen[..., None], chosen[..., None, None]
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return QuadrotorState(
-            np.where(each, other.position, self.position),
-            np.where(each, other.velocity, self.velocity),
-            np.where(turn, other.rotation, self.rotation),
-            np.where(each, other.rate, self.rate),
+            *(np.where(chosen.reshape(chosen.shape + (1,) * (a.ndim - chosen.ndim)), b, a) for a, b in pairs)
         )
 
 

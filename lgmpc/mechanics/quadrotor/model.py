@@ -194,8 +194,10 @@ def fly(
         """The rates of position, velocity, rotation vector from the step's first attitude, and body rates."""
         moved = _at(state, y)
         acceleration, turned, *_ = rates(t + elapsed, moved)
-        u = so3.right_jacobian_inverse.unchecked(y[..., 2, :])
-        return np.stack((moved.velocity, acceleration, so3.act.unchecked(u, moved.rate), turned), axis=-2)
+        turn = moved.rate
+        if elapsed:  # at the step's beginning the Jacobian is the identity
+            turn = so3.act.unchecked(so3.right_jacobian_inverse.unchecked(y[..., 2, :]), turn)
+        return np.stack((moved.velocity, acceleration, turn, turned), axis=-2)
 
     state = start
     lost: BoolArray = np.zeros(shape[1:-1], dtype=np.bool_)

@@ -126,6 +126,7 @@ class LeggedController:
         self._leg_folding = LegFolding(robot, self._mode_settings.lying)
         self._rise_motion = RiseMotion(self._mode_settings.lying)
         self._weight = -robot.mass * float(robot.gravity[2])
+        self._standing_forces = np.tile([0.0, 0.0, self._weight / robot.nc], (robot.nc, 1))
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
         self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
@@ -229,6 +230,12 @@ class LeggedController:
         """Estimate the external wrench, plan if it is time to, and write the plan's targets of this tick."""
         wbc, terms, steps, started = self.wbc, self.wbc.terms, self.push_steps, perf_counter()
         wbc.external_wrench[...] = planner.observe(self._measured.momentum, missed)
+        follows = not (self.robot.short_support and self.feet.standing)
+        if not follows:
+            # The centroidal model has no trunk and arms: its plans ask them for more angular momentum than they have,
+            # and a wrench observed at feet that tip over adds to it. Alone, the whole-body QP holds twice the push.
+            wbc.external_wrench[...] = 0.0
+            wbc.contacts.target_forces[...] = self._standing_forces
         # Feet that have just touched down would carry nothing until a plan includes them.
         if planner.due(time) or self.feet.changed:
             self._write_horizon(time, planner)
@@ -242,7 +249,8 @@ class LeggedController:
                 self._inputs.reacting = True
                 planner.expire()
             self._forecast_s = perf_counter() - started
-        planner.follow(time, self._tasks, wbc.contacts)
+        if follows:
+            planner.follow(time, self._tasks, wbc.contacts)
 
     def _expect(self, planner: Planner | None, solved: bool) -> None:
         """Give the estimators what the new command should lead to."""

@@ -44,6 +44,9 @@ _ROUNDING = 1e-9  # m
 _PROJECTIONS = 12
 """Alternating projections onto reach and distance from the other feet; one suffices unless both bind."""
 
+_GAP = 0.015
+"""Least distance between two soles, m."""
+
 _STEEPEST = 0.1
 """Sine of the least angle between a line of feet and the plane of a leg for which one is moved along the line."""
 
@@ -147,7 +150,7 @@ class FootholdPlanner:
         feet: (nc,) of (x, y) in the reference posture, from the centre of mass, axes of the base, m.
         hips: (nc,) of (x, y), the same.
         sides: (nc,) smallest lateral distance of a foot on its own side, base axes, with the sign of the side, m.
-        spacing: smallest distance between two feet, m.
+        spacing: smallest distance between two point feet, m.
         normals: (nc,) of (x, y), directions in which legs cannot move their feet, axes of the base; zeros for others.
     """
 
@@ -171,6 +174,7 @@ class FootholdPlanner:
             (s.reach_share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)
         ]
         self.spacing = s.spacing_share * float(legs.length.min())
+        self._beside = legs.sole[1] + _GAP if legs.sole[1] > 0.0 else 0.0
         self.normals = [(float(x), float(y)) for x, y, _ in legs.normals]
         self._towards = [_oblique(*pair) for pair in zip(self.normals, self._walking, strict=True)]
 
@@ -305,6 +309,11 @@ class FootholdPlanner:
     def _clear(self, foot: int, point: Point, others: Sequence[Point]) -> Point:
         """Return the point moved away from each of the other feet that is nearer than the least distance."""
         x, y = point
+        if self._beside:  # soles are side by side, and legs do not cross
+            left = self.feet[foot][1] > 0.0
+            for _, oy in others:
+                y = max(y, oy + self._beside) if left else min(y, oy - self._beside)
+            return x, y
         for ox, oy in others:
             dx, dy = x - ox, y - oy
             distance = math.hypot(dx, dy)

@@ -18,7 +18,7 @@ from lgmpc.errors import InputError
 from lgmpc.settings import Settings, problem
 from lgmpc.typing import GRAVITY
 
-__all__ = ["Gait", "find_gait", "quadruped_gaits"]
+__all__ = ["Gait", "biped_gaits", "find_gait", "quadruped_gaits"]
 
 _SLACK = 1e-9  # of a cycle
 
@@ -102,6 +102,27 @@ _QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], 
     "bound": (1.37, 0.65, (0.0, 0.0, 0.5, 0.5), 1.0),
     "pronk": (1.65, 0.7, (0.0, 0.0, 0.0, 0.0), 1.0),
 }
+
+
+# Of left and right foot.
+_BIPED: Mapping[str, tuple[float, float, tuple[float, float], float]] = {
+    "walk": (2.4, 0.6, (0.0, 0.5), 0.5),
+}
+
+
+def biped_gaits(height_m: float) -> dict[str, Gait]:
+    """Return the predefined gaits of two feet by name, besides standing; order: left, right.
+
+    Between two footfalls the centre of mass sways by less the shorter the steps and the narrower the gait.
+
+    Args:
+        height_m: height of the centre of mass above the feet, m; see :func:`quadruped_gaits`.
+    """
+    unit = math.sqrt(height_m / GRAVITY)
+    return {
+        name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets, width=width)
+        for name, (periods, duty, offsets, width) in _BIPED.items()
+    }
 
 
 def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:

@@ -30,6 +30,7 @@ class LegGeometry:
         length: (nf,) largest distance from hip to foot within the range of the joints between, m.
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
+        sole: length and width of the largest sole along the axes of the base, m; 0 of point feet.
         normals: (nf, 3) unit vectors along which legs cannot move their feet (see :func:`~lgmpc.robot.leg_normals`).
     """
 
@@ -39,6 +40,7 @@ class LegGeometry:
     base: Array
     radius: float
     normals: Array
+    sole: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def height(self) -> float:
@@ -88,6 +90,7 @@ class LegGeometry:
             (base.translation - com) @ turn,
             robot.contact_radius,
             leg_normals(robot),
+            robot.foot_points.size,
         )
 
 

@@ -12,7 +12,7 @@ from lgmpc.locomotion.clock import GaitClockSettings
 from lgmpc.locomotion.command import CommandLimits
 from lgmpc.locomotion.contacts import ContactEventSettings
 from lgmpc.locomotion.footholds import FootholdSettings
-from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
+from lgmpc.locomotion.gait import Gait, biped_gaits, find_gait, quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reaction import StepReactionSettings
 from lgmpc.locomotion.reference import ReferenceSettings
@@ -61,8 +61,8 @@ class LocomotionSettings(Settings):
 def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
     """Return the gaits that commands can select, by name: the predefined ones for this robot's height, and the user's.
 
-    Feet of a quadruped are sorted by position: front left, front right, hind left, hind right. A robot with another
-    number of feet has only the gait stand and the user's gaits.
+    Feet of a quadruped are sorted by position: front left, front right, hind left, hind right; two feet left, right. A
+    robot with another number of feet has only the gait stand and the user's gaits.
 
     Raises:
         InputError: a user's gait of another number of feet, or steps against pushes with a gait that does not exist.
@@ -73,6 +73,10 @@ def gaits_of(robot: Robot, settings: LocomotionSettings) -> dict[str, Gait]:
         order = sorted(range(4), key=lambda foot: (-math.copysign(1.0, legs.feet[foot, 0]), -legs.feet[foot, 1]))
         place = [order.index(foot) for foot in range(4)]
         gaits |= {name: gait.reordered(place) for name, gait in quadruped_gaits(legs.height).items()}
+    elif robot.nf == 2:
+        legs = LegGeometry.of(robot)
+        place = [0, 1] if legs.feet[0, 1] > legs.feet[1, 1] else [1, 0]
+        gaits |= {name: gait.reordered(place) for name, gait in biped_gaits(legs.height).items()}
     for i, gait in enumerate(settings.gaits):
         if gait.nc != robot.nf:
             raise InputError(f"locomotion.gaits.{i}.offsets", f"{gait.nc} offsets", f"{robot.nf}, one for each foot")

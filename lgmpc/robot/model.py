@@ -14,13 +14,17 @@ from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
 from lgmpc.robot.names import degree_names, frame_index, is_floating
-from lgmpc.robot.soles import Foot, FootPoints
+from lgmpc.robot.soles import Foot, FootPoints, support_share
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
     from lgmpc.robot.symbolic import SymbolicModel
 
 __all__ = ["ModelSource", "Robot"]
+
+_SHORT_SUPPORT = 0.25
+"""Distance of the centre of mass from the edge of the support, as a share of its height: 0.5 of quadrupeds, 0.1 of
+humanoids."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,15 @@ class Robot:
     def foot_points(self) -> FootPoints:
         """Assignment of the nc contact points to the nf feet."""
         return FootPoints.of_robot(self)
+
+    @cached_property
+    def short_support(self) -> bool:
+        """Whether the support is short against the height, as a humanoid's is on its soles.
+
+        Then forces at the edges of the support turn the robot before they stop it, as those of two feet of a quadruped
+        that trots: attitude and centre of mass compete for them.
+        """
+        return support_share(self) < _SHORT_SUPPORT
 
     @cached_property
     def floating_base(self) -> bool:

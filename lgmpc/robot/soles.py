@@ -25,7 +25,7 @@ from lgmpc.typing import Array, BoolArray, IntArray
 if TYPE_CHECKING:
     from lgmpc.robot.model import ModelSource, Robot
 
-__all__ = ["Foot", "FootPoints", "FootSpec", "make_feet"]
+__all__ = ["Foot", "FootPoints", "FootSpec", "make_feet", "support_share"]
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -188,6 +188,13 @@ class FootPoints:
         means: Array = np.add.reduceat(values, self.starts, axis=0) / self.counts.reshape(-1, *[1] * (values.ndim - 1))
         return means
 
+    @property
+    def size(self) -> tuple[float, float]:
+        """Length and width of the largest foot along the axes of the base, m."""
+        sizes = [np.ptp(part[:, :2], axis=0) for part in np.split(self.offsets, self.starts[1:])]
+        length, width = np.max(sizes, axis=0).tolist()
+        return length, width
+
     def yaws(self, points: Array) -> Array:
         """Return (nf,) headings of soles with these (nc, 3) points, relative to those in the reference posture, rad.
 
@@ -222,6 +229,22 @@ class FootPoints:
             return centres
         placed: Array = centres[..., self.of, :] + self.arms(yaws, normal)
         return placed
+
+
+def support_share(robot: Robot) -> float:
+    """Return the distance of the centre of mass from the edge of the support, as a share of its height.
+
+    Of the reference posture, projected to the ground; negative outside of the support.
+    """
+    data = robot.create_data()
+    pin.framesForwardKinematics(robot.model, data, robot.q_reference)
+    com = pin.centerOfMass(robot.model, data, robot.q_reference)
+    corners = _hull(np.array([data.oMf[frame].translation[:2] for frame in robot.contact_ids]))
+    if len(corners) < 3:
+        return 0.0
+    edges, arms = np.roll(corners, -1, axis=0) - corners, com[:2] - corners
+    distances = (edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]) / np.linalg.norm(edges, axis=1)
+    return float(distances.min() / com[2])
 
 
 def make_feet(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -71,12 +72,11 @@ class WholeBodyController:
             settings.solver,
         )
         self.qp = WholeBodyQp(robot, scaled, list(self.tasks.values()), self.solver, self.terms)
-        self._stepping = False
-        self._weights = {
-            name: (self.tasks[name].weight.copy(), np.asarray(weights, dtype=np.float64))
-            for name, weights in scaled.stepping_weights
-            if name in self.tasks
-        }
+        self._stepping: bool | None = None
+        standing = dict(scaled.short_support_weights) if robot.short_support else {}
+        moving = {**{k: standing[k] for k in standing if k == "upper_body_joints"}, **dict(scaled.stepping_weights)}
+        own = {name: task.weight.copy() for name, task in self.tasks.items() if name in standing or name in moving}
+        self._weights = {False: own | _weights(standing, own), True: own | _weights(moving, own)}
         self.contacts = self.qp.contacts
         self.external_wrench = self.qp.external_wrench
         self.joint_friction = self.qp.joint_friction
@@ -87,6 +87,7 @@ class WholeBodyController:
         self._solved = self.solver.solution[: robot.nv]
         self.status = Status.CONVERGED
         self.failures = 0
+        self.use_stepping_weights(False)
         self.stand()
 
     def reset(self) -> None:
@@ -106,12 +107,13 @@ class WholeBodyController:
     def use_stepping_weights(self, stepping: bool) -> None:
         """Set the tasks' weights to those of a robot that steps, or to their own; returns at once if unchanged.
 
+        Those of a robot that stands on a support short of its height are its own, too.
         A task whose own weights are zero is not part of the QP in either case.
         """
         if stepping is not self._stepping:
             self._stepping = stepping
-            for name, (standing, moving) in self._weights.items():
-                self.tasks[name].weight[:] = moving if stepping else standing
+            for name, weight in self._weights[stepping].items():
+                self.tasks[name].weight[:] = weight
 
     def sense(self, q: Array, v: Array) -> WholeBodyTerms:
         """Refresh :attr:`terms` at the measured state; call once a tick, before :meth:`solve`."""
@@ -142,6 +144,11 @@ class WholeBodyController:
     def damping(self) -> float:
         """Joint damping to add to :attr:`tau`, N.m.s/rad: zero after a solved tick."""
         return 0.0 if self.status is Status.CONVERGED else self.settings.fallback_damping_nms
+
+
+def _weights(settings: Mapping[str, Any], tasks: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the weights that settings have for some of the tasks."""
+    return {name: np.asarray(weight, dtype=np.float64) for name, weight in settings.items() if name in tasks}
 
 
 def _by_name(tasks: Sequence[Task]) -> dict[str, Task]:

@@ -12,7 +12,15 @@ from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
 from lgmpc.settings import Count, Extension, NonNegative, RangeFromZero, Settings, Vector3
 
-__all__ = ["Gain", "OwnTask", "SteppingWeights", "WholeBodyGains", "WholeBodySettings", "WholeBodyWeights"]
+__all__ = [
+    "Gain",
+    "OwnTask",
+    "ShortSupportWeights",
+    "SteppingWeights",
+    "WholeBodyGains",
+    "WholeBodySettings",
+    "WholeBodyWeights",
+]
 
 _NORMAL_FORCE = (0.04, 24.0)
 """Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and one foot can carry the
@@ -79,6 +87,24 @@ class SteppingWeights(Settings):
     posture: NonNegative = Field(default=1e-4, description="Joint accelerations towards the reference posture.")
 
 
+class ShortSupportWeights(Settings):
+    """Weights that replace those of :class:`WholeBodyWeights` while a robot stands on a support short of its height.
+
+    As on two feet of a quadruped, attitude and centre of mass compete for the forces at the edge of a humanoid's soles.
+    Trunk and arms turn to stop a push: what they take up of its moment, the soles need not.
+    """
+
+    com: Vector3 = Field(default=(100.0, 100.0, 100.0), description="Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = Field(
+        default=0.03, description="Angular acceleration of the base (scaled by mass: for 2.5 kg)."
+    )
+    angular_momentum: NonNegative = Field(default=0.1, description="Rate of the angular momentum (scaled by mass).")
+    posture: NonNegative = Field(default=1e-4, description="Joint accelerations towards the reference posture.")
+    upper_body_joints: NonNegative = Field(
+        default=0.01, description="Accelerations of joints that move no foot towards the reference posture."
+    )
+
+
 class WholeBodyGains(Settings):
     """Feedback gains of the tasks."""
 
@@ -123,6 +149,11 @@ class WholeBodySettings(Settings):
     stepping_weights: SteppingWeights = Field(
         default=SteppingWeights(), description="Weights of tasks while the robot steps."
     )
+    short_support_weights: ShortSupportWeights = Field(
+        default=ShortSupportWeights(),
+        description="Weights of tasks while a robot stands whose centre of mass is nearer to the edge of its support"
+        " than a quarter of its height, such as a humanoid.",
+    )
     gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
     tasks: tuple[OwnTask, ...] = Field(default=(), description="Tasks of one's own, beside the standard ones.")
     solver: Literal["active_set", "proxqp"] = Field(
@@ -142,12 +173,15 @@ class WholeBodySettings(Settings):
     def scaled(self, robot: Robot) -> WholeBodySettings:
         """Return the settings for this robot: the weights of momenta and forces and the normal forces by its mass."""
         factor, weights, stepping = weight_factor(robot.mass), self.weights, self.stepping_weights
+        short, turning = self.short_support_weights, turning_factor(robot.mass)
         return self.replace(
             {
                 "weights.angular_momentum": factor * weights.angular_momentum,
                 "weights.force": factor * weights.force,
                 "stepping_weights.angular_momentum": factor * stepping.angular_momentum,
-                "stepping_weights.base_orientation": turning_factor(robot.mass) * stepping.base_orientation,
+                "stepping_weights.base_orientation": turning * stepping.base_orientation,
+                "short_support_weights.angular_momentum": factor * short.angular_momentum,
+                "short_support_weights.base_orientation": turning * short.base_orientation,
                 "friction_facets": chosen_facets(self.friction_facets, not robot.foot_points.single),
                 "normal_force_n": normal_force_range(self.normal_force_n, _NORMAL_FORCE, robot.mass),
             }

@@ -286,6 +286,7 @@ EXEMPT: dict[str, str] = {
     "robot.srdf": "a file beside the model",
     "robot.package_dirs": "folders of meshes, which nothing here reads",
     "robot.floating_base": "a fixed base is refused in a closed loop, and for a quadruped",
+    "wbc.short_support_weights.*": "of robots with a short support, see tests/test_humanoids.py",
     "robot.feet": "soles in place of contact_frames, see tests/robot/test_soles.py",
     "robot.collision_shapes": "only a plant has them; walked in a closed loop, shape by shape",
     "robot.collision_shapes.?.kind": "selects a shape; the keys of all shapes are walked",

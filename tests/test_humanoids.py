@@ -1,0 +1,92 @@
+"""Robots with soles: they stand and walk, and standing the MPC makes nothing worse."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from lgmpc import load_config
+from lgmpc.actions import CentroidalAction
+from lgmpc.config.build import prepare
+from lgmpc.robot import load_robot
+from lgmpc.wbc import WholeBodyController, WholeBodySettings
+
+PUSH = "pushes=[{{body: base_link, time_s: 0.05, duration_s: 0.2, impulse_ns: [{}, {}, 0]}}]"
+
+
+@pytest.fixture(scope="module")
+def legs():
+    return load_robot(load_config("talos_legs_stand").robot)
+
+
+def test_only_robots_whose_support_is_short_have_other_weights_standing(legs):
+    solo12 = load_robot(load_config("solo12_balance").robot)
+    assert legs.short_support and not solo12.short_support
+    settings = WholeBodySettings()
+    for robot, weight in ((legs, settings.short_support_weights.com), (solo12, settings.weights.com)):
+        assert tuple(WholeBodyController(robot, settings).tasks["com"].weight) == weight
+
+
+def test_the_least_normal_force_is_that_of_a_sole_and_not_of_its_corners(legs):
+    """The centre of pressure of a robot that leans reaches the edge: corners carry nothing, their soles do."""
+    controller = WholeBodyController(legs, WholeBodySettings())
+    terms = controller.sense(legs.q_reference, np.zeros(legs.nv))
+    controller.tasks["com"].target.acceleration[:] = -1.5, 0.0, 0.0  # more than the pressure at the toes gives
+    controller.solve()
+    normal = controller.forces[:, 2].reshape(2, 4)
+    assert normal.min() == pytest.approx(0.0, abs=1e-6)
+    assert (normal.sum(axis=1) > controller.contacts.lowest_normal).all()
+    pressure = (normal.ravel() @ terms.contact_points[:, 0]) / normal.sum()
+    assert pressure == pytest.approx(terms.contact_points[:, 0].max(), abs=2e-3)
+
+
+def test_a_sole_that_just_touched_down_carries_nothing(legs):
+    controller = WholeBodyController(legs, WholeBodySettings())
+    controller.sense(legs.q_reference, np.zeros(legs.nv))
+    controller.contacts.lowest_normal[1] = controller.contacts.highest_normal[1] = 0.0
+    controller.solve()
+    assert controller.status.usable and np.abs(controller.forces[4:]).max() < 1e-6
+
+
+def test_bounds_of_a_foots_force_are_those_of_its_points_together():
+    action = CentroidalAction(5, 4, (4, 1))
+    p = np.zeros(action.parameters.size)
+    for name, value in {
+        "contact_flags": 1.0, "contact_normals": np.tile([0.0, 0.0, 1.0], 5), "friction": 0.6, "normal_force_min": 20.0,
+        "normal_force_max": 2000.0,
+    }.items():  # fmt: skip
+        action.parameters.view(p, name)[...] = value
+    u = np.array([[0.0, 0.0, 7.0]] * 4 + [[0.0, 0.0, 25.0]]).ravel()
+    bounded = action.constraint(ca.DM.zeros(9), ca.DM(u), ca.DM(p))
+    parts = (bounded.value, bounded.lower, bounded.upper)
+    values, lower, upper = (np.array(ca.evalf(ca.SX(part))).ravel() for part in parts)
+    assert values[-1] == pytest.approx(28.0) and (lower[-1], upper[-1]) == (20.0, 2000.0)
+    assert lower[4::5].tolist() == [0.0, 0.0, 0.0, 0.0, 20.0]
+
+
+def test_standing_the_mpc_makes_nothing_worse():
+    """Its plan is not followed: a humanoid without and with it moves alike, to the last digit."""
+    runs = []
+    for enabled in ("true", "false"):
+        config = load_config("talos_legs_stand", [PUSH.format(18, 5), "duration_s=0.4", f"mpc.enabled={enabled}"])
+        runs.append(prepare(config).run(lambda progress: None).log)
+    assert np.array_equal(runs[0].q, runs[1].q) and np.array_equal(runs[0].tau, runs[1].tau)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+def test_legs_of_talos_step_ahead_with_flat_soles_that_do_not_meet(plant):
+    commands = "commands=[{at_s: 0.2, velocity_m_s: [0.2, 0, 0], gait: walk}, {at_s: 2.2, velocity_m_s: [0, 0, 0]}]"
+    config = load_config("talos_legs_stand", [commands, "pushes=[]", "duration_s=3.5", f"plant.kind={plant}"])
+    log = prepare(config).run(lambda progress: None).log
+    points = log.contact_points.reshape(log.ticks, 2, 4, 3)
+    centres = points.mean(axis=2)
+    walking = (log.time > 1.0) & (log.time < 2.2)
+    assert (log.momentum[walking, 0] / log.mass_kg).mean() == pytest.approx(0.2, abs=0.03)
+    assert (centres[:, 0, 1] - centres[:, 1, 1]).min() > 0.125  # soles are 0.124 m wide
+    normals = np.cross(points[:, :, 1] - points[:, :, 3], points[:, :, 0] - points[:, :, 2])
+    tilt = np.degrees(np.arccos(np.abs(normals[..., 2]) / np.linalg.norm(normals, axis=-1)))
+    assert tilt.max() < 2.0
+    flags = log.stance.reshape(log.ticks, 2, 4)
+    assert (flags == flags[:, :, :1]).all() and (~flags.astype(bool)).any()

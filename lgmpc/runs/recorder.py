@@ -160,7 +160,7 @@ class Recorder:
         return -(-(self._ticks.log_bytes + ground * self._ticks.capacity) // every) + self._updates.log_bytes
 
     def log(self) -> RunLog:
-        """Return a copy of all that has been recorded, relative to the ground of the world."""
+        """Return all that has been recorded, relative to the ground of the world; channels are views of the buffers."""
         ticks = self._ticks.columns()
         base = ticks["q"][:, :3] if self._entries["floating_base"] else np.zeros((self.ticks, 3))
         points, normals = ticks["contact_points"], ticks["contact_normals"]
@@ -227,10 +227,10 @@ class _Rows:
         self.count = i + 1
 
     def columns(self) -> dict[str, Any]:
-        """Return a copy of each channel, with its own axes and type."""
+        """Return each channel, with its own axes and type: a view of the table, whose rows are not written again."""
         rows = self._table[: self.count]
         return {
-            name: rows[:, self._places[name]].reshape(self.count, *shape).astype(self._channels[name].dtype)
+            name: rows[:, self._places[name]].reshape(self.count, *shape).astype(self._channels[name].dtype, copy=False)
             for name, shape in self.shapes.items()
         }
 

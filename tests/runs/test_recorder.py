@@ -70,6 +70,21 @@ def test_recording_allocates_nothing_while_the_buffers_last() -> None:
     assert peak < 5 * row
 
 
+def test_the_log_is_no_second_copy_of_the_buffers() -> None:
+    recorder = new_recorder(ticks=2000)
+    record_standing(recorder, 2000)
+    tracemalloc.start()
+    try:
+        log = recorder.log()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 0.5 * sum(array.nbytes for array in log.arrays().values())
+    before = log.q.copy()
+    record_standing(recorder, 1)
+    np.testing.assert_array_equal(log.q, before)
+
+
 @pytest.mark.parametrize(("changes", "named"), [({"tau": None}, "tau"), ({"tua": np.zeros(12)}, "tua")])
 def test_a_tick_has_every_channel_and_no_other(changes, named) -> None:
     recorder = new_recorder()

@@ -12,6 +12,7 @@ import numpy as np
 
 from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
+from lgmpc.typing import BoolArray
 from lgmpc.viz.figure_files import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z, draw_figures, legend_above
 from lgmpc.viz.plots import draw_contact_rows
 from lgmpc.viz.series import extremes
@@ -61,9 +62,7 @@ def draw_explanation(figure: Figure, explanation: Explanation) -> bool:
     figure.set_size_inches(9.6, sum(heights) + 1.6)
     timeline, used, capture, attitude, contacts = figure.subplots(5, 1, sharex=True, height_ratios=heights)
     _draw_events(timeline, lines, explanation)
-    _draw_used(used, explanation, shown)
-    _draw_capture(capture, explanation, shown)
-    _draw_attitude(attitude, explanation, shown)
+    _draw_quantities(used, capture, attitude, explanation, shown)
     draw_contact_rows(contacts, log)
     contacts.set(title="Contact measured (grey), and its state for the controller", xlabel="time, s")
     contacts.set_xlim(begin, end)
@@ -111,41 +110,32 @@ def _draw_events(axes: Axes, lines: Sequence[EventLine], explanation: Explanatio
         )
 
 
-def _draw_used(axes: Axes, explanation: Explanation, shown: np.ndarray) -> None:
-    time = explanation.log.time[shown]
-    colors = {"torque": Y, "joint speed": X, "joint position": EXTRA, "friction": Z}
+def _draw_quantities(used: Axes, capture: Axes, base: Axes, explanation: Explanation, shown: BoolArray) -> None:
+    """Draw the share of limits used, the margin of the capture point, and tilt and height of the base."""
+    time, height = explanation.log.time[shown], base.twinx()
+    height.spines["right"].set_visible(True)
+    height.grid(visible=False)
+    shares = {"torque": Y, "joint speed": X, "joint position": EXTRA, "friction": Z}
+    values = {"tilt": (base, X), "base height": (height, Z)}
     for quantity in explanation.quantities:
-        if quantity.name in colors:
-            share = quantity.used[shown]
-            worst = np.where(np.isfinite(share), share, -np.inf).max(axis=1)
-            worst = np.where(np.isfinite(worst), np.minimum(worst, _HIGHEST_SHARE), np.nan)
-            axes.plot(time, 100.0 * worst, color=colors[quantity.name], lw=1.1, label=quantity.name)
-    axes.axhline(100.0, color=LIMIT, ls="--", lw=1.0)
-    axes.set(title="Limit used, worst joint or foot", ylabel="%", ylim=(0.0, None))
-    legend_above(axes)
-
-
-def _draw_capture(axes: Axes, explanation: Explanation, shown: np.ndarray) -> None:
-    axes.set(title="Capture point inside the support", ylabel="mm")
-    for quantity in explanation.quantities:
-        if quantity.name == "capture point":
-            time, margin = explanation.log.time[shown], quantity.margins[shown, 0]
-            axes.plot(time, margin, color=X)
+        if quantity.name in shares:
+            share = np.where(np.isfinite(quantity.used[shown]), quantity.used[shown], -np.inf).max(axis=1)
+            worst = np.where(np.isfinite(share), np.minimum(share, _HIGHEST_SHARE), np.nan)
+            used.plot(time, 100.0 * worst, color=shares[quantity.name], lw=1.1, label=quantity.name)
+        elif quantity.name == "capture point":
+            margin = quantity.margins[shown, 0]
             at = extremes(margin)
-            axes.fill_between(time[at], np.minimum(margin[at], 0.0), 0.0, color=LIMIT, alpha=0.3, lw=0.0)
-    axes.axhline(0.0, color=LIMIT, ls="--", lw=1.0)
-
-
-def _draw_attitude(axes: Axes, explanation: Explanation, shown: np.ndarray) -> None:
-    time = explanation.log.time[shown]
-    second = axes.twinx()
-    second.spines["right"].set_visible(True)
-    second.grid(visible=False)
-    for quantity in explanation.quantities:
-        target = {"tilt": (axes, X), "base height": (second, Z)}.get(quantity.name)
-        if target is not None:
-            target[0].plot(time, quantity.values[shown, 0], color=target[1], label=quantity.name)
-            target[0].plot(time, quantity.limits[shown, 0], color=target[1], lw=0.9, ls="--", label="limit")
-    axes.set(title="Base", ylim=(0.0, None))
-    axes.set_ylabel("tilt, deg", color=X)
-    second.set_ylabel("height, mm", color=Z)
+            capture.plot(time, margin, color=X)
+            capture.fill_between(time[at], np.minimum(margin[at], 0.0), 0.0, color=LIMIT, alpha=0.3, lw=0.0)
+        elif quantity.name in values:
+            axes, color = values[quantity.name]
+            axes.plot(time, quantity.values[shown, 0], color=color, label=quantity.name)
+            axes.plot(time, quantity.limits[shown, 0], color=color, lw=0.9, ls="--", label="limit")
+    used.axhline(100.0, color=LIMIT, ls="--", lw=1.0)
+    used.set(title="Limit used, worst joint or foot", ylabel="%", ylim=(0.0, None))
+    capture.axhline(0.0, color=LIMIT, ls="--", lw=1.0)
+    capture.set(title="Capture point inside the support", ylabel="mm")
+    base.set(title="Base", ylim=(0.0, None))
+    base.set_ylabel("tilt, deg", color=X)
+    height.set_ylabel("height, mm", color=Z)
+    legend_above(used)

@@ -89,6 +89,11 @@ class MpcSettings(Settings):
         description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
         " small stages and in dense blocks for large ones.",
     )
+    max_sweeps: Count | None = Field(
+        default=12,
+        description="Most Riccati sweeps of active_set in a quadratic programme (45 us each for Solo12): a push that "
+        "changes many limits at once needs up to 60. Then the best iterate is the plan. null: no limit.",
+    )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
     )

@@ -17,6 +17,7 @@ from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
+from lgmpc.solvers.qp import ActiveSetSolver
 from lgmpc.typing import Array, BoolArray, IntArray
 
 __all__ = ["GRAVITY", "SqpMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
@@ -76,6 +77,9 @@ class SqpMpc(ABC):
         self._plan: Plan | None = None  # the last fresh one
         self.problem = problem
         self.solver = RealTimeSqp(problem, settings.qp_solver, progress)
+        own = self.solver.qp_solver
+        if isinstance(own, ActiveSetSolver):
+            own.max_factorisations = settings.max_sweeps
         self._weight = weight
         self._flags = problem.view("contact_flags")
         self._bounded = _columns_without_bounds(problem)
@@ -130,7 +134,7 @@ class SqpMpc(ABC):
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
                 return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
         self._trajectory = result.trajectory
-        status = MpcStatus.INACCURATE if result.status is Status.ACCEPTABLE else MpcStatus.SOLVED
+        status = MpcStatus.SOLVED if result.status is Status.STEPPED else MpcStatus.INACCURATE
         return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:

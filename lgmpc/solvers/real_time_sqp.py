@@ -111,8 +111,8 @@ class RealTimeSqp:
     def feedback(self, x0: Array) -> Solution:
         """Solve the prepared subproblem for the measured state x0 (nx,) and take the full step; never raises.
 
-        The status is STEPPED, or ACCEPTABLE after a subproblem that was solved roughly. When the subproblem has no
-        usable solution the status is the QP solver's, and the current trajectory stays as it was.
+        The status is STEPPED, ACCEPTABLE after a subproblem that was solved roughly, or TIME_LIMIT. When the subproblem
+        has no usable solution the status is the QP solver's, and the current trajectory stays as it was.
         """
         start = time.perf_counter()
         status = self._step(x0)
@@ -160,7 +160,7 @@ class RealTimeSqp:
         f.xs_base[...], f.dxs[...] = f.xs, step.dxs
         f.retract()
         self.us += step.dus
-        return Status.STEPPED if status is Status.CONVERGED else Status.ACCEPTABLE
+        return {Status.CONVERGED: Status.STEPPED, Status.TIME_LIMIT: status}.get(status, Status.ACCEPTABLE)
 
     def _residual(self, *, at_step: bool) -> KktResidual:
         """Return the residual of the subproblem at its solution, or of the nonlinear problem around it."""

@@ -74,6 +74,8 @@ class ActiveSetSolver:
     Attributes:
         iterations: factorisations of the last solve, and the fallbacks' iterations if they took over.
         took_over: whether a fallback did the last solve.
+        max_factorisations: of a whole solve, after which the best iterate of the active sets is its result; None, as at
+            first, for no limit.
         may_take_over: whether fallbacks are used at all; without them the status of such solves is FAILED.
         available: whether the machine code is available.
 
@@ -99,6 +101,7 @@ class ActiveSetSolver:
         s = qp.structure
         self.qp, self.tolerance, self.max_sweeps, self.max_iterations = qp, tolerance, max_sweeps, max_iterations
         self.iterations = 0
+        self.max_factorisations: int | None = None
         self.took_over = False
         self.may_take_over = True
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
@@ -106,6 +109,7 @@ class ActiveSetSolver:
         self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)
         self._riccati = r = riccati_for(qp, progress) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
+        self._best, self._best_residual = QpSolution.zeros(qp), math.inf
         self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance, progress)
         self.available = self.takes_indefinite = r.available and self._penalties.available
         self._scale, self._ready = 0.0, False
@@ -134,20 +138,31 @@ class ActiveSetSolver:
             self._riccati.load()
 
     def solve(self, dx0: Array) -> Status:
-        """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
-        self.iterations, self.took_over = 0, False
+        """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`.
+
+        The status is TIME_LIMIT where ``max_factorisations`` did not suffice: the solution satisfies the
+        dynamics, and is that of all iterates with the least residual of bounds and complementarity.
+        """
+        self.iterations, self.took_over, self._best_residual = 0, False, math.inf
         self._riccati.dx0[...] = dx0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             if self._ready:
                 self._penalties.resume()
                 if self._active_set():
                     return Status.CONVERGED
+                if self._spent and math.isfinite(self._best_residual):
+                    self.solution.write(*self._best.arrays)
+                    return Status.TIME_LIMIT
             lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
             if finite and bool((lower > upper).any()):
                 return Status.INFEASIBLE
-            if self._ready and finite and self._interior_point():
-                return Status.CONVERGED
+            if self._ready and finite:
+                if self._interior_point():
+                    return Status.CONVERGED
+                if self._spent and math.isfinite(self._best_residual):
+                    self.solution.write(*self._best.arrays)
+                    return Status.TIME_LIMIT
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
             return Status.FAILED
@@ -204,6 +219,8 @@ class ActiveSetSolver:
             p.measure()
             if p.residual <= tolerance and self._accept():
                 return True
+            if p.residual < self._best_residual and self.max_factorisations is not None:
+                self._keep_best()
             if p.changed > max(allowed, _FEW):  # no contraction: the guess was too far off
                 if r.keeps_factors:
                     return False
@@ -247,7 +264,22 @@ class ActiveSetSolver:
                     return True
         return False
 
+    def _keep_best(self) -> None:
+        """Keep the Riccati solver's point, with the multipliers of the augmented Lagrangian there."""
+        r, p = self._riccati, self._penalties
+        shift = p.mu / p.rho
+        outside = r.rows - nearest_in(r.rows, self.qp.vector("lower") - shift, self.qp.vector("upper") - shift)
+        self._best.write(r.dxs, r.dus, r.costates, p.rho * outside)
+        self._best_residual = p.residual
+
+    @property
+    def _spent(self) -> bool:
+        most = self.max_factorisations
+        return most is not None and self.iterations >= most
+
     def _factor(self) -> bool:
+        if self._spent:
+            return False
         self.iterations += 1
         return self._riccati.factor() and math.isfinite(self._riccati.cost)
 

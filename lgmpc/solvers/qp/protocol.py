@@ -92,8 +92,8 @@ class QpSolver(Protocol):
     def solve(self, dx0: Array) -> Status:
         """Take over the vectors of :attr:`qp` and solve for the first state ``dx0`` (ndx,).
 
-        Returns CONVERGED, or ITERATION_LIMIT with an approximate solution; any other status leaves :attr:`solution`
-        as it was.
+        Returns CONVERGED, or ITERATION_LIMIT or TIME_LIMIT with an approximate solution; any other status leaves
+        :attr:`solution` as it was.
         """
 
     def reset(self) -> None:

@@ -17,14 +17,14 @@ from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
 from lgmpc.errors import InputError
-from lgmpc.estimation import FrictionMonitor, JointFrictionEstimator, LeggedEstimator
+from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import Mpc, make_mpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.drives import Computing, Drives, StateLink
+from lgmpc.simulation.drives import Computing, Drives, Spent, StateLink
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Hardware, Rates, Sensing, TrueState
 from lgmpc.simulation.parameters import real_effort_limit
@@ -91,25 +91,32 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         robot: from :func:`build_robot`, which checks that the config fits it.
         notify: called with a description of what is being prepared.
     """
-    period = 1.0 / config.wbc.rate_hz
+    period, delays = 1.0 / config.wbc.rate_hz, _compensated(config)
     gaits = gaits_of(robot, config.locomotion)
     mpc = _build_mpc(config, robot, notify) if config.mpc.enabled else None
     return LeggedController(
         robot,
         _build_whole_body(config, robot),
         FrictionMonitor(config.wbc.friction, period),
-        Planner(robot, mpc, period, config.delays.total_s) if mpc is not None else None,
+        Planner(robot, mpc, period, delays.total_s) if mpc is not None else None,
         commands=CommandTimeline(config.commands, gaits=gaits),
         offset=None if isinstance(config.reference, StandReference) else config.reference,
         locomotion=config.locomotion,
         gaits=gaits,
         modes=config.modes,
-        delays=config.delays,
+        delays=delays,
         joint_friction=_build_joint_friction(config, robot),
         drives=config.drives,
         maneuvers=build_maneuvers(config, robot, notify),
         period=period,
     )
+
+
+def _compensated(config: Config) -> DelaySettings:
+    """Return section ``delays``; unless it is given, where computing takes time, that of a command: the next tick."""
+    if config.timing.computing == "ideal" or config.delays != DelaySettings():
+        return config.delays
+    return DelaySettings(command_s=1.0 / config.wbc.rate_hz)
 
 
 def _build_mpc(config: Config, robot: Robot, notify: Notify) -> Mpc:
@@ -135,7 +142,7 @@ def _build_whole_body(config: Config, robot: Robot) -> WholeBodyController:
 def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimator | None:
     if config.joint_friction is None:
         return None
-    return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, config.delays.total_s)
+    return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, _compensated(config).total_s)
 
 
 def build_recorder(
@@ -269,10 +276,11 @@ def _build_hardware(
     """Return drives, delays and computing times, their random numbers seeded by ``seed``."""
     computing = Computing(config.timing, np.random.default_rng((config.seed, _COMPUTING)))
 
-    def measured() -> tuple[float, bool]:
+    def measured() -> Spent:
         report = controller.report
         time = 1e-3 * (report.tick_ms + report.plan_ms + report.forecast_ms)
-        return time + (0.0 if estimator is None else estimator.spent), report.planned
+        time += 0.0 if estimator is None else estimator.spent
+        return Spent(time, report.planned, report.forecast_ms > 0.0)
 
     guard = CommandGuard(config.wbc.fallback_damping_nms)
     return Hardware(build_drives(config, plant), computing, measured, guard)

@@ -31,7 +31,7 @@ from lgmpc.hardware.udp import UdpRobot
 from lgmpc.runs import Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.drives import Computing, TimingSettings
+from lgmpc.simulation.drives import Computing, Spent, TimingSettings
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Tick
 from lgmpc.simulation.plant import PlantSample, make_plant
@@ -111,7 +111,7 @@ def serve_config(
     plant = make_plant(robot, config.plant, world)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))
-    hardware = Hardware(build_drives(config, plant), computing, lambda: (0.0, False))
+    hardware = Hardware(build_drives(config, plant), computing, lambda: Spent(0.0, False, False))
     with closing(link(robot.nu)) as end:
         notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
         if not end.wait_for_controller(wait_s):

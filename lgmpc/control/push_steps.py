@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from lgmpc.control.feet import Feet
 from lgmpc.control.modes import ModeSettings
@@ -52,7 +53,7 @@ class PushSteps:
     """Monitors the predicted motion of a standing robot, and starts steps against a push and back.
 
     The MPC's plan is the prediction. If its capture point leaves the support, the same MPC plans from the measured
-    state with every schedule of steps, one per tick so that no tick is late, and the schedule of least cost is
+    state with every schedule of steps, one update per tick so that no tick is late, and the schedule of least cost is
     executed. After its first cycles the robot steps back to its initial position, and stands.
 
     Args:
@@ -76,10 +77,13 @@ class PushSteps:
         self._displaced_since = math.inf
         self._reaction = StepReaction(settings, self._height)
         self._schedules = feet.step_schedules() if settings.enabled else ()
-        self.deciding = False
+        self.deciding, self._updates = False, 0
         self._home = (0.0, 0.0, 0.0)
         self._captured = math.inf
         self._pushed: _Pushed | None = None
+        self._updates = 0  # of the next schedule's forecast so far
+        self._guess: Any = None  # of its next one
+        self._guesses: list[Any] = []  # of the schedules evaluated
 
     def stop(self) -> None:
         """Discard the steps: another mode moves the feet."""
@@ -127,8 +131,8 @@ class PushSteps:
             return
         end = plan.xs[-1]
         if self._reaction.needed(end[:3], end[3:6] / self._mass, terms.contact_points):
-            self.deciding = True
-            self.costs = []
+            self.deciding, self._updates, self._guess = True, 0, None
+            self.costs, self._guesses = [], []
             state = planner.state(time, terms).copy()
             desired, (intervals, feet) = planner.motion.copy(), planner.contacts.flags.shape
             desired.catching = True
@@ -142,15 +146,27 @@ class PushSteps:
             return False
         pushed = self._pushed
         schedule = self._schedules[len(self.costs)]
-        self._write_horizon(schedule, pushed, planner.mpc.settings.node_s)
+        if self._updates == 0:
+            self._write_horizon(schedule, pushed, planner.mpc.settings.node_s)
         given = pushed.state, pushed.contacts, pushed.desired, pushed.wrench
-        planner.forecast(*given)  # from the last schedule's solution to near this one's
+        mpc, kept = planner.mpc, planner.mpc.state()
+        if self._guess is not None:
+            mpc.set_state(self._guess)
         plan = planner.forecast(*given)
+        self._guess = mpc.state()
+        mpc.set_state(kept)
+        self._updates += 1
+        if self._updates < 2:  # the first one leads from the last schedule's solution to near this one's
+            return False
+        self._updates = 0
+        self._guesses.append(self._guess)
         self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if plan.status.fresh else math.inf)
         if len(self.costs) < len(self._schedules):
             return False
         self.deciding = False
-        best = self._schedules[least(self.costs, [each.load(pushed.forces) for each in self._schedules])]
+        chosen = least(self.costs, [each.load(pushed.forces) for each in self._schedules])
+        best = self._schedules[chosen]
+        mpc.set_state(self._guesses[chosen])  # which the next plan is near
         _LOG.info("steps against a push at %.3f s: %s", time, best)
         if not self.active:
             self._home = self._reference.x, self._reference.y, self._reference.yaw

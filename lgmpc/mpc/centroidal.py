@@ -102,6 +102,7 @@ class CentroidalMpc(SqpMpc):
         lowest, highest = s.normal_force(mass)
         problem.set("normal_force_min", lowest)
         problem.set("normal_force_max", highest)
+        self._highest = highest
         problem.set("x_weight", s.weights.state(mass))
         problem.view("x_weight")[-1] *= s.weights.terminal
         problem.set("u_weight", s.weights.forces(contacts, mass))
@@ -168,7 +169,7 @@ class CentroidalMpc(SqpMpc):
         normals, friction = self._normals[:n], self._friction[:n]
         pushing = np.vecdot(forces, normals)[..., None]
         sideways = forces - pushing * normals
-        pushing = np.maximum(pushing, 0.0)
+        pushing = np.clip(pushing, 0.0, self._highest)
         most = friction[..., None] * pushing / np.maximum(np.linalg.norm(sideways, axis=-1, keepdims=True), 1e-12)
         inside: Array = pushing * normals + np.minimum(most, 1.0) * sideways
         return inside

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.centroidal import CentroidalMpc
@@ -62,6 +63,16 @@ class FallbackMpc:
         self.fallback_updates = 0
         self._usable = True
         self._pause = 0
+
+    def state(self) -> tuple[Any, ...]:
+        """Return what the next update depends on besides its arguments."""
+        return self.fallback_updates, self._usable, self._pause, self.mpc.state(), self.fallback.state()
+
+    def set_state(self, state: tuple[Any, ...]) -> None:
+        """Continue from a result of :meth:`state`."""
+        self.fallback_updates, self._usable, self._pause, mpc, fallback = state
+        self.mpc.set_state(mpc)
+        self.fallback.set_state(fallback)
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured state; see :meth:`lgmpc.mpc.interface.Mpc.update`."""

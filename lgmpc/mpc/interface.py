@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -72,6 +72,12 @@ class Mpc(Protocol):
 
     def reset(self) -> None:
         """Discard all history: the next update starts as the first one."""
+
+    def state(self) -> Any:
+        """Return what the next update depends on besides its arguments, to :meth:`set_state`."""
+
+    def set_state(self, state: Any) -> None:
+        """Continue from a result of :meth:`state`."""
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured state; numerical failures are reported by the status, not raised.

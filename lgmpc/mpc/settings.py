@@ -90,9 +90,10 @@ class MpcSettings(Settings):
         " small stages and in dense blocks for large ones.",
     )
     max_sweeps: Count | None = Field(
-        default=12,
-        description="Most Riccati sweeps of active_set in a quadratic programme (45 us each for Solo12): a push that "
-        "changes many limits at once needs up to 60. Then the best iterate is the plan. null: no limit.",
+        default=10,
+        description="Most Riccati sweeps of active_set in a quadratic programme (50 us each for Solo12), after which"
+        " its best iterate is the plan: a push that changes many limits at once would take up to 60. null, and where"
+        " there is no last plan: no limit.",
     )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."

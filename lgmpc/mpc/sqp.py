@@ -7,6 +7,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,8 @@ _LOG = logging.getLogger(__name__)
 # (forces, N) and its dynamics by less than this (m, N.s, N.m.s).
 _ACCEPTED_FORCE = 0.01
 _ACCEPTED_GAP = 0.01
+# Violation, in weights, of an iterate that is no guess for the next update.
+_ABSURD = 20.0
 
 
 class SqpMpc(ABC):
@@ -77,9 +80,6 @@ class SqpMpc(ABC):
         self._plan: Plan | None = None  # the last fresh one
         self.problem = problem
         self.solver = RealTimeSqp(problem, settings.qp_solver, progress)
-        own = self.solver.qp_solver
-        if isinstance(own, ActiveSetSolver):
-            own.max_factorisations = settings.max_sweeps
         self._weight = weight
         self._flags = problem.view("contact_flags")
         self._bounded = _columns_without_bounds(problem)
@@ -92,6 +92,21 @@ class SqpMpc(ABC):
         self.failures_in_a_row = 0
         self._plan = self._trajectory = None
         self.reset_guess()
+
+    def state(self) -> tuple[Any, ...]:
+        """Return the guess of the next update, the last fresh plan and the failure counts; see :meth:`set_state`."""
+        solver = self.solver
+        arrays = (solver.xs, solver.us, *solver.qp_solver.solution.arrays)
+        known = self._plan, self._trajectory, self._guess_time, self.failures, self.failures_in_a_row
+        return *known, tuple(array.copy() for array in arrays)
+
+    def set_state(self, state: tuple[Any, ...]) -> None:
+        """Continue from a result of :meth:`state`."""
+        *known, arrays = state
+        self._plan, self._trajectory, self._guess_time, self.failures, self.failures_in_a_row = known
+        solver = self.solver
+        for mine, given in zip((solver.xs, solver.us, *solver.qp_solver.solution.arrays), arrays, strict=True):
+            mine[...] = given
 
     def reset_guess(self) -> None:
         """Start the next update without a guess, at rest; the last plan remains the fall-back."""
@@ -134,14 +149,19 @@ class SqpMpc(ABC):
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
                 return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
         self._trajectory = result.trajectory
+        if result.status is Status.TIME_LIMIT and result.kkt.constraint > _ABSURD * float(np.abs(self._weight).max()):
+            self.reset_guess()  # an iterate as far off as this is none
         status = MpcStatus.SOLVED if result.status is Status.STEPPED else MpcStatus.INACCURATE
         return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
-        """Shift the last trajectory to the present; without one, start from rest."""
+        """Shift the last trajectory to the present; without one, start from rest, with as many sweeps as it takes."""
         h, nodes = self.settings.node_s, self.settings.nodes
         ahead = math.inf if self._guess_time is None else (t - self._guess_time) / h
-        if not 0.0 <= ahead <= nodes:
+        known = 0.0 <= ahead <= nodes
+        if isinstance(self.solver.qp_solver, ActiveSetSolver):
+            self.solver.qp_solver.max_factorisations = self.settings.max_sweeps if known else None
+        if not known:
             self.solver.set_guess(self._rest())
         else:
             while ahead > 0.0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Annotated, Generic, Literal, TypeVar
+from typing import Annotated, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -18,7 +18,16 @@ from lgmpc.control.interface import Command, Measurement, RobotState
 from lgmpc.settings import Fraction, Noise, NonNegative, Positive, Problem, Settings, problems
 from lgmpc.typing import Array
 
-__all__ = ["ActuatorSettings", "Computing", "DelayLine", "Drives", "LinkSettings", "StateLink", "TimingSettings"]
+__all__ = [
+    "ActuatorSettings",
+    "Computing",
+    "DelayLine",
+    "Drives",
+    "LinkSettings",
+    "Spent",
+    "StateLink",
+    "TimingSettings",
+]
 
 Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)]
 Milliseconds = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
@@ -87,27 +96,34 @@ class ActuatorSettings(Settings):
 
 
 class TimingSettings(Settings):
-    """Simulated duration of the computations. A tick that is due while an earlier one is computed is missed."""
+    """Simulated duration of the computations. A tick that is due while an earlier one is computed is missed.
+
+    Where it is not ``ideal``, a command acts from the next tick on, which is compensated unless ``delays`` says more.
+    """
 
     computing: Literal["ideal", "measured", "modelled"] = Field(
         default="ideal",
-        description="ideal: none. measured: measured on this machine. modelled: drawn from tick_ms and plan_ms.",
+        description="ideal: none. measured: measured on this machine. modelled: drawn from the quantiles.",
     )
     tick_ms: Milliseconds = Field(
         default=(0.08, 0.1, 0.11, 0.13, 0.4),
         description="Quantiles, at equal steps of probability from 0 to 1, of a tick without planning, ms.",
     )
     plan_ms: Milliseconds = Field(
-        default=(0.5, 0.7, 0.8, 1.0, 3.0),
+        default=(0.2, 0.3, 0.4, 0.5, 1.2),
         description="Quantiles of planning, in addition in ticks that plan, ms.",
+    )
+    forecast_ms: Milliseconds = Field(
+        default=(0.4, 0.6, 0.7, 0.8, 1.0),
+        description="Quantiles of a forecast of steps, in addition in ticks with one, ms.",
     )
 
     @model_validator(mode="after")
     def _quantiles_grow(self) -> TimingSettings:
         found = [
             Problem(name, values, "quantiles that do not decrease")
-            for name, values in (("tick_ms", self.tick_ms), ("plan_ms", self.plan_ms))
-            if list(values) != sorted(values)
+            for name in ("tick_ms", "plan_ms", "forecast_ms")
+            if list(values := getattr(self, name)) != sorted(values)
         ]
         if found:
             raise problems(found)
@@ -226,6 +242,20 @@ class Drives:
         return torque
 
 
+class Spent(NamedTuple):
+    """Computations of a tick.
+
+    Attributes:
+        time_s: that they took on this machine, s.
+        planned: whether the MPC planned.
+        forecast: whether steps against a push were forecast.
+    """
+
+    time_s: float
+    planned: bool
+    forecast: bool
+
+
 class Computing:
     """The time that a tick takes to compute, in simulated time.
 
@@ -236,20 +266,22 @@ class Computing:
 
     def __init__(self, settings: TimingSettings, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._tick, self._plan = (1e-3 * np.array(each) for each in (settings.tick_ms, settings.plan_ms))
+        quantiles = (settings.tick_ms, settings.plan_ms, settings.forecast_ms)
+        self._tick, self._plan, self._forecast = (1e-3 * np.array(each) for each in quantiles)
         ways = {"ideal": self._none, "measured": self._measured, "modelled": self._drawn}
-        self.spent: Callable[[Callable[[], tuple[float, bool]]], float] = ways[settings.computing]
-        """``spent(measured)``: time of a tick, s; ``measured()`` returns the one measured and whether it planned."""
+        self.spent: Callable[[Callable[[], Spent]], float] = ways[settings.computing]
+        """``spent(measured)``: time of a tick, s, where ``measured()`` returns what it spent on this machine."""
 
-    def _none(self, measured: Callable[[], tuple[float, bool]]) -> float:
+    def _none(self, measured: Callable[[], Spent]) -> float:
         return 0.0
 
-    def _measured(self, measured: Callable[[], tuple[float, bool]]) -> float:
-        return measured()[0]
+    def _measured(self, measured: Callable[[], Spent]) -> float:
+        return measured().time_s
 
-    def _drawn(self, measured: Callable[[], tuple[float, bool]]) -> float:
-        _, planned = measured()
-        return self._quantile(self._tick) + (self._quantile(self._plan) if planned else 0.0)
+    def _drawn(self, measured: Callable[[], Spent]) -> float:
+        spent = measured()
+        time = self._quantile(self._tick) + (self._quantile(self._plan) if spent.planned else 0.0)
+        return time + (self._quantile(self._forecast) if spent.forecast else 0.0)
 
     def _quantile(self, quantiles: Array) -> float:
         return float(np.interp(self._rng.random(), np.linspace(0.0, 1.0, quantiles.size), quantiles))

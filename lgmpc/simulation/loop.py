@@ -16,7 +16,7 @@ import numpy as np
 from lgmpc.control.interface import Command, CommandGuard, Controller, Estimator, Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, StateLink, TimingSettings
+from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, Spent, StateLink, TimingSettings
 from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
@@ -135,13 +135,13 @@ class Hardware:
     Attributes:
         drives: link and drives that commands pass through.
         computing: the time that an update takes in simulated time. Ticks until its end are missed.
-        measured: returns the time that the last update took here, s, and whether it planned.
+        measured: returns what the last update spent on this machine.
         guard: replaces commands that are not finite.
     """
 
     drives: Drives
     computing: Computing
-    measured: Callable[[], tuple[float, bool]]
+    measured: Callable[[], Spent]
     guard: CommandGuard = field(default_factory=lambda: CommandGuard(0.1))
 
 
@@ -256,7 +256,7 @@ def simulate(
 def _ideal(plant: Plant) -> Hardware:
     rng = np.random.default_rng(0)  # nothing is drawn
     drives = Drives(LinkSettings(), ActuatorSettings(), plant.dt, rng)
-    return Hardware(drives, Computing(TimingSettings(), rng), lambda: (0.0, False))
+    return Hardware(drives, Computing(TimingSettings(), rng), lambda: Spent(0.0, False, False))
 
 
 _UPWARD = 0.64

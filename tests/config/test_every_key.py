@@ -135,8 +135,8 @@ SOLO = {
     ),
     "steps": Scene(
         "solo12_step_recovery",
-        [PUSH.format(0.01, 0, 3, 0), "duration_s=1.2"],
-        ("locomotion.reaction.*", "mpc.catching_weights.com"),
+        [PUSH.format(0.01, 0, 3, 0), "duration_s=1.2", "timing.computing=modelled"],
+        ("locomotion.reaction.*", "mpc.catching_weights.com", "timing.forecast_ms"),
     ),
     "pushed trot": Scene(
         "solo12_velocity",
@@ -145,7 +145,7 @@ SOLO = {
             PUSH.format(0.2, 0, 3.5, 0),
             "duration_s=0.6",
         ],
-        ("locomotion.swing.acceleration_m_s2", "locomotion.swing.longest_share"),
+        ("mpc.max_sweeps", "locomotion.swing.acceleration_m_s2", "locomotion.swing.longest_share"),
     ),
     "tilted": Scene(
         "solo12_fall",
@@ -213,6 +213,7 @@ OTHER: dict[str, Any] = {
     "walk/sensors.torque_noise_nm": 100.0,
     "walk/timing.tick_ms": (0.1, 0.2),
     "walk/timing.plan_ms": (0.1, 0.2),
+    "steps/timing.forecast_ms": (0.1, 0.2),
     "walk/wbc.tasks": ({"use": "own_parts:Height"},),
     "walk/mpc.costs": ({"use": "own_parts:Level"},),
     "walk/mpc.friction": 0.02,

@@ -15,6 +15,7 @@ from lgmpc.simulation.drives import (
     DelayLine,
     Drives,
     LinkSettings,
+    Spent,
     TimingSettings,
 )
 
@@ -85,15 +86,17 @@ def test_the_supply_limits_what_drives_and_not_what_brakes() -> None:
 
 
 def test_computing_times_follow_their_quantiles() -> None:
-    settings = TimingSettings(computing="modelled", tick_ms=(0.1, 0.2, 0.6), plan_ms=(1.0, 3.0))
+    settings = TimingSettings(computing="modelled", tick_ms=(0.1, 0.2, 0.6), plan_ms=(1.0, 3.0), forecast_ms=(0.5, 1.5))
     computing = Computing(settings, RNG(0))
-    ticks = 1e3 * np.array([computing.spent(lambda: (9.0, False)) for _ in range(4000)])
+    ticks = 1e3 * np.array([computing.spent(lambda: Spent(9.0, False, False)) for _ in range(4000)])
     assert 0.1 <= ticks.min() and ticks.max() <= 0.6
     assert np.median(ticks) == pytest.approx(0.2, abs=0.02)
-    plans = 1e3 * np.array([computing.spent(lambda: (9.0, True)) for _ in range(4000)])
+    plans = 1e3 * np.array([computing.spent(lambda: Spent(9.0, True, False)) for _ in range(4000)])
     assert plans.mean() - ticks.mean() == pytest.approx(2.0, abs=0.05)
-    assert Computing(TimingSettings(computing="measured"), RNG(0)).spent(lambda: (0.004, True)) == 0.004
-    assert Computing(TimingSettings(), RNG(0)).spent(lambda: (0.004, True)) == 0.0
+    forecasts = 1e3 * np.array([computing.spent(lambda: Spent(9.0, False, True)) for _ in range(4000)])
+    assert forecasts.mean() - ticks.mean() == pytest.approx(1.0, abs=0.03)
+    assert Computing(TimingSettings(computing="measured"), RNG(0)).spent(lambda: Spent(0.004, True, False)) == 0.004
+    assert Computing(TimingSettings(), RNG(0)).spent(lambda: Spent(0.004, True, False)) == 0.0
 
 
 @pytest.mark.parametrize(

@@ -151,8 +151,7 @@ class ActiveSetSolver:
                 if self._active_set():
                     return Status.CONVERGED
                 if self._spent and math.isfinite(self._best_residual):
-                    self.solution.write(*self._best.arrays)
-                    return Status.TIME_LIMIT
+                    return self._take_best()
             lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
             if finite and bool((lower > upper).any()):
@@ -161,8 +160,7 @@ class ActiveSetSolver:
                 if self._interior_point():
                     return Status.CONVERGED
                 if self._spent and math.isfinite(self._best_residual):
-                    self.solution.write(*self._best.arrays)
-                    return Status.TIME_LIMIT
+                    return self._take_best()
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
             return Status.FAILED
@@ -265,12 +263,17 @@ class ActiveSetSolver:
         return False
 
     def _keep_best(self) -> None:
-        """Keep the Riccati solver's point, with the multipliers of the augmented Lagrangian there."""
-        r, p = self._riccati, self._penalties
-        shift = p.mu / p.rho
-        outside = r.rows - nearest_in(r.rows, self.qp.vector("lower") - shift, self.qp.vector("upper") - shift)
-        self._best.write(r.dxs, r.dus, r.costates, p.rho * outside)
-        self._best_residual = p.residual
+        r = self._riccati
+        self._best.write(r.dxs, r.dus, r.costates, 0.0)
+        self._best_residual = self._penalties.residual
+
+    def _take_best(self) -> Status:
+        """Take the best point, with the multipliers of the last one, from which the next solve goes on."""
+        p, shift = self._penalties, self._penalties.mu / self._penalties.rho
+        outside = p.point - nearest_in(p.point, self.qp.vector("lower") - shift, self.qp.vector("upper") - shift)
+        best = self._best
+        self.solution.write(best.dxs, best.dus, best.costates, p.rho * outside)
+        return Status.TIME_LIMIT
 
     @property
     def _spent(self) -> bool:

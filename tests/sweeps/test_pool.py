@@ -6,17 +6,15 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.process import BaseProcess
 from typing import Any
 
 import pytest
 from workers import act, nothing
 
-from lgmpc.config import load_config
 from lgmpc.config.session import stop_signals
-from lgmpc.errors import ConfigError, Interrupted
+from lgmpc.errors import Interrupted
 from lgmpc.sweeps.pool import Died, Hung, Pool
 from lgmpc.sweeps.trial import start_worker
 
@@ -110,12 +108,3 @@ def test_a_process_that_is_starting_when_the_pool_ends_is_killed(monkeypatch: py
     for process in set(multiprocessing.active_children()) - before:
         process.join(60.0)
         assert process.exitcode == -signal.SIGKILL
-
-
-def test_one_bad_config_is_the_error_of_its_task_in_an_executor_of_the_standard_library() -> None:
-    """Errors of lgmpc can be pickled: otherwise one ends the processes of all tasks."""
-    with ProcessPoolExecutor(1, get_context("spawn")) as executor:
-        bad, good = (executor.submit(load_config, name) for name in ("solo12_balnce", "solo12_balance"))
-        with pytest.raises(ConfigError, match="Did you mean solo12_balance"):
-            bad.result(120.0)
-        assert good.result(120.0) == load_config("solo12_balance")

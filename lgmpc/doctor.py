@@ -193,9 +193,10 @@ def _check_import(module: str) -> tuple[str, str]:
 def _check_plugin(name: str) -> tuple[str, str]:
     import casadi
 
+    version = metadata.version("casadi")
     if not casadi.has_nlpsol(name):
-        raise _Broken(f"casadi {casadi.__version__} cannot load its plugin {name}")
-    return f"plugin of casadi {casadi.__version__}", ""
+        raise _Broken(f"casadi {version} cannot load its plugin {name}")
+    return f"plugin of casadi {version}", ""
 
 
 def _check_mujoco() -> tuple[str, str]:

@@ -3,7 +3,7 @@
 from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
 from lgmpc.actions.contacts import Contact
-from lgmpc.actions.dynamics import Dynamics, ExternalWrench, Load, Motion, Squashed
+from lgmpc.actions.dynamics import Dynamics, ExternalWrench, Load, Motion
 from lgmpc.actions.free_duration import ChooseStretch, Stretched
 from lgmpc.actions.full_body import (
     ContactForwardDynamics,
@@ -15,7 +15,7 @@ from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
 from lgmpc.actions.multibody import HoldAction, ImpulseAction, MultibodyAction, thrusters
 from lgmpc.actions.penalized import PenalizedAction, penalize
-from lgmpc.actions.python_action import Limits, PenalizedPythonAction, PythonAction, StageDerivatives
+from lgmpc.actions.python_action import Limits, PythonAction, StageDerivatives
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
 
 __all__ = [
@@ -43,11 +43,9 @@ __all__ = [
     "Parameter",
     "ParameterLayout",
     "PenalizedAction",
-    "PenalizedPythonAction",
     "PythonAction",
     "RungeKutta4",
     "SemiImplicitEuler",
-    "Squashed",
     "Stage",
     "StageDerivatives",
     "StageValue",

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -74,7 +74,7 @@ class StageValue:
 class Action(ABC):
     """One interval: dynamics, cost and path constraint as expressions of state x, control u and parameters p.
 
-    A subclass sets the attributes and writes the four methods with CasADi operations that SX symbols support.
+    A subclass sets the attributes and writes at least :meth:`step`, with CasADi operations that SX symbols support.
     All that may change between two solves is a parameter, never a number inside an expression.
 
     Attributes:
@@ -85,7 +85,7 @@ class Action(ABC):
         smooth: whether derivatives of any order exist, as of expressions.
     """
 
-    smooth: ClassVar[bool] = True
+    smooth: bool = True
     name: str
     state: State
     nu: int
@@ -95,17 +95,17 @@ class Action(ABC):
     def step(self, x: Any, u: Any, p: Any) -> Any:
         """Return the state (nx,) at the end of the interval."""
 
-    @abstractmethod
     def cost(self, x: Any, u: Any, p: Any) -> Cost:
-        """Return the running cost."""
+        """Return the running cost; none unless overridden."""
+        return Cost()
 
-    @abstractmethod
     def terminal_cost(self, x: Any, p: Any) -> Cost:
-        """Return the cost of the state at the end of the horizon."""
+        """Return the cost of the state at the end of the horizon; none unless overridden."""
+        return Cost()
 
-    @abstractmethod
     def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
-        """Return the path constraint; columns of length zero if there is none."""
+        """Return the path constraint; none unless overridden."""
+        return Bounded.stack()
 
     def stage(self, x: Any, u: Any, p: Any, unknowns: Unknowns) -> Stage:
         """Return all expressions of the interval.
@@ -187,34 +187,22 @@ class Action(ABC):
         *_, lower, upper = value.call([self.state.neutral(), ca.DM.zeros(self.nu), p])
         return ca.Function(f"{self.name}_bounds", [p], [ca.densify(lower), ca.densify(upper)])
 
-    def bounded_controls(self) -> tuple[IntArray, ca.Function]:
-        """Return the control that each row of the path constraint bounds, and ``p -> (lower, upper)`` of the controls.
+    def bounded_controls(self) -> IntArray:
+        """Return the control (ng,) that each row of the path constraint bounds.
 
         A row is a control plus an expression in the parameters, a reference for instance; any other has the index -1.
         """
         x, u, p = (
             ca.SX.sym(name, n) for name, n in (("x", self.state.nx), ("u", self.nu), ("p", self.parameters.size))
         )
-        path = self.constraint(x, u, p)
-        value = ca.SX(path.value)
+        value = ca.SX(self.constraint(x, u, p).value)
         of_state, slope = ca.jacobian(value, x), ca.jacobian(value, u)
         rows = np.full(value.shape[0], -1, dtype=np.int64)
         for i in range(value.shape[0]):
             row = slope[i, :]
             if of_state[i, :].nnz() == 0 and row.nnz() == 1 and ca.SX(row.nz[0]).is_one():
                 rows[i] = row.sparsity().get_triplet()[1][0]
-        offset = ca.substitute(value, ca.vertcat(x, u), ca.SX.zeros(self.state.nx + self.nu))
-        if (rows < 0).any():
-            offset = ca.SX.zeros(value.shape[0])
-        edges = [ca.densify(ca.SX(edge) - offset) for edge in (path.lower, path.upper)]
-        return rows, ca.Function("limits", [p], edges)
-
-    def penalized(self) -> Action | None:
-        """Return the action with its constraint as a cost; None: it follows from the expressions.
-
-        See :class:`~lgmpc.actions.PenalizedAction`, with whose parameters it ends.
-        """
-        return None
+        return rows
 
     def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
         """Return a call that names the node of an exception of the action's own; calls of expressions have none.

@@ -128,10 +128,6 @@ class ChooseStretch(Action):
         values = self.parameters.split(p)
         return LeastSquares(u - values["stretch_reference"], values["stretch_weight"])
 
-    def terminal_cost(self, x: Any, p: Any) -> Cost:
-        """Return no cost."""
-        return Cost()
-
     def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
         """Return the bounds of the stretch."""
         values = self.parameters.split(p)

@@ -10,6 +10,7 @@ inequalities Rockafellar, J. Optim. Theory Appl. 12, 1973). A solver without con
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,7 +24,7 @@ from lgmpc.actions.multibody import ItemAction
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
 from lgmpc.typing import instance
 
-__all__ = ["PenalizedAction", "penalize", "penalty_parameters"]
+__all__ = ["PenalizedAction", "penalize"]
 
 
 class PenalizedAction(ItemAction):
@@ -32,7 +33,7 @@ class PenalizedAction(ItemAction):
     Parameters: those of the action, then ``constraint_multipliers`` (ng,) and ``constraint_penalty``, positive.
 
     Args:
-        action: an action made of expressions.
+        action: the action.
 
     Attributes:
         base: the action.
@@ -45,7 +46,11 @@ class PenalizedAction(ItemAction):
         self.ng = action.path_rows
         self.name = f"{action.name}_penalized"
         self.state, self.nu = action.state, action.nu
-        self.parameters = penalty_parameters(action)
+        self.parameters = ParameterLayout(
+            *action.parameters.parameters,
+            Parameter("constraint_multipliers", action.path_rows, "estimates of the constraint's multipliers"),
+            Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
+        )
         if isinstance(action, ItemAction):
             self.robot, self.own_parameters = action.robot, action.own_parameters
 
@@ -68,19 +73,68 @@ class PenalizedAction(ItemAction):
         return self.base.terminal_cost(x, p[: self.base.parameters.size])
 
 
+class _PenalizedPython(PenalizedAction):
+    """The same of an action written in Python, whose functions are numerical."""
+
+    smooth = False
+
+    @cached_property
+    def value_function(self) -> ca.Function:
+        """As that of :class:`Action`."""
+        function = self.base.value_function
+        symbols, m, rho, shift = self._of_base(function)
+        distance = _SquaredDistance(m["lower"] - shift, m["upper"] - shift)
+        m["cost"] += rho * ca.sum1(distance.value(m["constraint"]))
+        return self._written(function, symbols, m | dict.fromkeys(("constraint", "lower", "upper"), ca.MX(0, 1)))
+
+    @cached_property
+    def quadratic_function(self) -> ca.Function:
+        """As that of :class:`Action`."""
+        function = self.base.quadratic_function
+        symbols, m, rho, shift = self._of_base(function)
+        # Bounds of the expansion are relative to the constraint's value.
+        distance, here = _SquaredDistance(m["lower"] - shift, m["upper"] - shift), ca.MX.zeros(self.ng)
+        c, d, weight = m["C"], m["D"], ca.diag(rho * distance.curvature(here))
+        slope = rho * distance.gradient(here)
+        more = {
+            "Q": c.T @ weight @ c, "S": d.T @ weight @ c, "R": d.T @ weight @ d, "q": c.T @ slope, "r": d.T @ slope,
+            "cost": rho * ca.sum1(distance.value(here)),
+        }  # fmt: skip
+        m |= {name: m[name] + value for name, value in more.items()}
+        m |= {"C": c[:0, :], "D": d[:0, :], "lower": ca.MX(0, 1), "upper": ca.MX(0, 1)}
+        return self._written(function, symbols, m)
+
+    @cached_property
+    def terminal_value_function(self) -> ca.Function:
+        """As that of :class:`Action`."""
+        function = self.base.terminal_value_function
+        return self._written(function, *self._of_base(function)[:2])
+
+    @cached_property
+    def terminal_quadratic_function(self) -> ca.Function:
+        """As that of :class:`Action`."""
+        function = self.base.terminal_quadratic_function
+        return self._written(function, *self._of_base(function)[:2])
+
+    def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
+        """Return a call that raises an exception of Python with its node."""
+        return self.base.guarded(call, first)
+
+    def _of_base(self, function: ca.Function) -> tuple[list[Any], dict[str, Any], Any, Any]:
+        """Return symbols, the results of the action's own function, the penalty, and the multipliers over it."""
+        symbols = [*function.mx_in()[:-1], ca.MX.sym("p", self.parameters.size)]
+        found = function.call([*symbols[:-1], symbols[-1][: self.base.parameters.size]])
+        values = self.parameters.split(symbols[-1])
+        rho = values["constraint_penalty"]
+        return symbols, dict(zip(function.name_out(), found, strict=True)), rho, values["constraint_multipliers"] / rho
+
+    def _written(self, function: ca.Function, symbols: list[Any], m: dict[str, Any]) -> ca.Function:
+        return ca.Function(f"{function.name()}_penalized", symbols, list(m.values()), function.name_in(), list(m))
+
+
 def penalize(action: Action) -> Action:
-    """Return an action with the constraint as a cost, and the :func:`penalty_parameters`."""
-    own = action.penalized()
-    return PenalizedAction(action) if own is None else own
-
-
-def penalty_parameters(action: Action) -> ParameterLayout:
-    """Return an action's parameters, followed by the multipliers and the penalty of its path constraint."""
-    return ParameterLayout(
-        *action.parameters.parameters,
-        Parameter("constraint_multipliers", action.path_rows, "estimates of the constraint's multipliers"),
-        Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
-    )
+    """Return an action with the constraint as a cost."""
+    return PenalizedAction(action) if action.smooth else _PenalizedPython(action)
 
 
 @dataclass(frozen=True, eq=False)

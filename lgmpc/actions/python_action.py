@@ -8,7 +8,7 @@ actions; nothing of it is compiled.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -17,19 +17,13 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions.base import Action, StageValue
-from lgmpc.actions.callback import Watch, python_function
-from lgmpc.actions.penalized import penalty_parameters
-from lgmpc.costs import Bounded, Cost, CostTerm
 from lgmpc.errors import InputError
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Limits", "PenalizedPythonAction", "PythonAction", "StageDerivatives"]
+__all__ = ["Limits", "PythonAction", "StageDerivatives"]
 
 _STEP = 6e-6
 """Step of central differences: about the cube root of the rounding unit."""
-
-_VALUES = ("x_next", "cost", "constraint", "lower", "upper")
-_QUADRATIC = ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper", "cost")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +60,92 @@ class StageDerivatives:
     residual_u: Array
     limits_x: Array
     limits_u: Array
+
+
+class Watch:
+    """Exceptions of an action's calls from CasADi, through which none propagates.
+
+    Attributes:
+        calls: number of calls since :meth:`begin`.
+        error: the first exception since then.
+        failed: number of calls before it.
+    """
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """Reset counts and exception."""
+        self.calls, self.failed = 0, 0
+        self.error: Exception | None = None
+
+    def note(self, error: Exception) -> None:
+        """Store an exception of the current call, if it is the first."""
+        if self.error is None:
+            self.error, self.failed = error, self.calls
+
+    def raise_at(self, action: str, first: int) -> None:
+        """Raise the stored exception, with its node; ``first`` is the node of the first call."""
+        if self.error is None:
+            return
+        error, node = self.error, first + self.failed
+        self.begin()
+        if isinstance(error, InputError):
+            raise InputError(f"{error.argument}, node {node}", error.got, error.expected) from error
+        expected = "results for all states and controls near the guess, NaN where there are none"
+        raise InputError(f"action '{action}', node {node}", f"{type(error).__name__}: {error}", expected) from error
+
+
+class _Callback(ca.Callback):
+    """A function of columns that calls Python; its results are NaN where Python raises, as ``watch`` reports.
+
+    They are NaN without a call where a state or control is not finite, and where Python's numbers overflow.
+    """
+
+    def __init__(
+        self, name: str, inputs: dict[str, int], outputs: dict[str, tuple[int, int]], function: Any, watch: Watch
+    ) -> None:
+        super().__init__()
+        self._inputs, self._outputs, self._function = list(inputs.items()), list(outputs.items()), function
+        self._watch = watch
+        self.construct(name, {"enable_fd": True, "fd_method": "central"})
+
+    def get_n_in(self) -> int:
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_name_in(self, i: int) -> str:
+        return self._inputs[i][0]
+
+    def get_name_out(self, i: int) -> str:
+        return self._outputs[i][0]
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._inputs[i][1], 1)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(*self._outputs[i][1])
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
+        columns = [argument.full()[:, 0] for argument in arguments]
+        found = [np.full(shape, np.nan) for _, shape in self._outputs]
+        # A trial roll-out that diverges has no results (parameters, such as bounds, may be infinite).
+        if all(
+            np.isfinite(column).all() for (name, _), column in zip(self._inputs, columns, strict=True) if name != "p"
+        ):
+            try:
+                found = self._function(*columns)
+            except OverflowError:
+                pass
+            except Exception as error:  # of any kind: it is the user's code
+                self._watch.note(error)
+        self._watch.calls += 1
+        return [
+            ca.DM(np.asarray(value, dtype=np.float64).reshape(shape))
+            for value, (_, shape) in zip(found, self._outputs, strict=True)
+        ]
 
 
 class PythonAction(Action):
@@ -116,18 +196,6 @@ class PythonAction(Action):
 
     # The interface of solvers.
 
-    def cost(self, x: Any, u: Any, p: Any) -> Cost:
-        """Return the running cost at one point."""
-        return Cost((CostTerm(ca.DM(self._residual(*_arrays(x, u, p)))),))
-
-    def terminal_cost(self, x: Any, p: Any) -> Cost:
-        """Return the terminal cost at one point."""
-        return Cost((CostTerm(ca.DM(self._end(*_arrays(x, p)))),))
-
-    def constraint(self, x: Any, u: Any, p: Any) -> Bounded:
-        """Return the path constraint at one point."""
-        return Bounded(*map(ca.DM, self._limits(*_arrays(x, u, p))))
-
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
         """Evaluate the action at one point."""
         x, u, p = self._arguments(x, u, p)
@@ -144,25 +212,22 @@ class PythonAction(Action):
         """As that of :class:`Action`, calling Python."""
 
         def values(x: Array, u: Array, p: Array) -> list[Any]:
-            found = self.evaluate(x, u, p)
-            return [getattr(found, name) for name in _VALUES]
+            return list(vars(self.evaluate(x, u, p)).values())
 
-        ng = self._sizes["limits"]
-        shapes = [(self.state.nx, 1), (1, 1), (ng, 1), (ng, 1), (ng, 1)]
-        inputs = self._inputs("x", "u", "p")
-        return python_function(
-            f"{self.name}_value", inputs, dict(zip(_VALUES, shapes, strict=True)), values, self.watch
-        )
+        row = (self._sizes["limits"], 1)
+        shapes = {"x_next": (self.state.nx, 1), "cost": (1, 1), "constraint": row, "lower": row, "upper": row}
+        return self._function("value", ("x", "u", "p"), shapes, values)
 
     @cached_property
     def quadratic_function(self) -> ca.Function:
         """As that of :class:`Action`, calling Python."""
         ndx, nu, ng = self.state.ndx, self.nu, self._sizes["limits"]
-        shapes = [(ndx, ndx), (ndx, nu), (ndx, 1), (ndx, ndx), (nu, ndx), (nu, nu), (ndx, 1), (nu, 1)]
-        shapes += [(ng, ndx), (ng, nu), (ng, 1), (ng, 1), (1, 1)]
-        inputs = self._inputs("x", "u", "x_next", "p")
-        outputs = dict(zip(_QUADRATIC, shapes, strict=True))
-        return python_function(f"{self.name}_quadratic", inputs, outputs, self._quadratic, self.watch)
+        shapes = {
+            "A": (ndx, ndx), "B": (ndx, nu), "b": (ndx, 1), "Q": (ndx, ndx), "S": (nu, ndx), "R": (nu, nu),
+            "q": (ndx, 1), "r": (nu, 1), "C": (ng, ndx), "D": (ng, nu), "lower": (ng, 1), "upper": (ng, 1),
+            "cost": (1, 1),
+        }  # fmt: skip
+        return self._function("quadratic", ("x", "u", "x_next", "p"), shapes, self._quadratic)
 
     @cached_property
     def terminal_value_function(self) -> ca.Function:
@@ -172,9 +237,7 @@ class PythonAction(Action):
             r = self._end(x, p)
             return [0.5 * float(r @ r)]
 
-        return python_function(
-            f"{self.name}_terminal_value", self._inputs("x", "p"), {"cost": (1, 1)}, value, self.watch
-        )
+        return self._function("terminal_value", ("x", "p"), {"cost": (1, 1)}, value)
 
     @cached_property
     def terminal_quadratic_function(self) -> ca.Function:
@@ -187,8 +250,7 @@ class PythonAction(Action):
             return [slope.T @ slope, slope.T @ r, 0.5 * float(r @ r)]
 
         shapes = {"Q": (ndx, ndx), "q": (ndx, 1), "cost": (1, 1)}
-        name = f"{self.name}_terminal_quadratic"
-        return python_function(name, self._inputs("x", "p"), shapes, quadratic, self.watch)
+        return self._function("terminal_quadratic", ("x", "p"), shapes, quadratic)
 
     def structural_state(self) -> dict[str, Any]:
         """Raise: kernels of Python are not stored (see :mod:`lgmpc.compile`).
@@ -209,7 +271,7 @@ class PythonAction(Action):
         }
         return {name: value for name, value in vars(self).items() if name not in made}
 
-    def bounded_controls(self) -> tuple[IntArray, ca.Function]:
+    def bounded_controls(self) -> IntArray:
         """As that of :class:`Action`: derivatives at two points determine the rows."""
         state, rng, p = self.state, np.random.default_rng(0), self.parameters.default.copy()
         rows = np.zeros(self._sizes["limits"], dtype=np.int64)
@@ -219,13 +281,7 @@ class PythonAction(Action):
             found = np.abs(d.limits_u).argmax(axis=1) if len(d.limits_u) else rows
             beside = np.hstack([d.limits_x, d.limits_u - np.eye(self.nu)[found]])
             rows = np.where((np.abs(beside).max(axis=1, initial=0.0) > 1e-6) | (rows < 0), -1, found)
-        given = ca.MX.sym("p", self.parameters.size)
-        _, _, value, lower, upper = self.value_function.call([state.neutral(), ca.DM.zeros(self.nu), given])
-        return rows, ca.Function("limits", [given], [lower - value, upper - value])
-
-    def penalized(self) -> Action:
-        """Return the action with its constraint as a cost."""
-        return PenalizedPythonAction(self)
+        return rows
 
     def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
         """Return a call that raises an exception of Python with its node."""
@@ -238,9 +294,12 @@ class PythonAction(Action):
 
         return evaluate
 
-    def _inputs(self, *names: str) -> dict[str, int]:
+    def _function(
+        self, part: str, names: tuple[str, ...], shapes: dict[str, tuple[int, int]], function: Callable[..., list[Any]]
+    ) -> ca.Function:
         sizes = {"x": self.state.nx, "u": self.nu, "x_next": self.state.nx, "p": self.parameters.size}
-        return {name: sizes[name] for name in names}
+        inputs = {name: sizes[name] for name in names}
+        return _Callback(f"{self.name}_{part}", inputs, shapes, function, self.watch)
 
     def _quadratic(self, x: Array, u: Array, x_next: Array, p: Array) -> list[Any]:
         state, reached = self.state, self._step(x, u, p)
@@ -316,67 +375,6 @@ class PythonAction(Action):
         return array
 
 
-class PenalizedPythonAction(PythonAction):
-    """An action of Python whose constraint is a cost, as :class:`~lgmpc.actions.PenalizedAction`.
-
-    Args:
-        action: the action.
-
-    Attributes:
-        base: the action.
-        ng: rows of its path constraint.
-    """
-
-    def __init__(self, action: PythonAction) -> None:
-        self.base = action
-        self._own = action.parameters.size
-        self.ng = action.path_rows
-        self.name, self.state, self.nu = f"{action.name}_penalized", action.state, action.nu
-        self.parameters = penalty_parameters(action)
-
-    @cached_property
-    def watch(self) -> Watch:
-        """Exceptions of calls from solvers."""
-        return self.base.watch
-
-    def step(self, x: Array, u: Array, p: Array) -> Array:
-        """Return the action's own."""
-        return self.base._step(x, u, p[: self._own])
-
-    def residual(self, x: Array, u: Array, p: Array) -> Array:
-        """Return the action's own, and the root of the penalty times the distance from the bounds."""
-        outside, rho = self._outside(x, u, p)
-        return np.concatenate([self.base._residual(x, u, p[: self._own]), np.sqrt(rho) * outside])
-
-    def terminal_residual(self, x: Array, p: Array) -> Array:
-        """Return the action's own."""
-        return self.base._end(x, p[: self._own])
-
-    def derivatives(self, x: Array, u: Array, p: Array) -> StageDerivatives:
-        """Return the action's own, and those of the distance; at bounds, one of its two."""
-        outside, rho = self._outside(x, u, p)
-        own, scale = self.base.checked_derivatives(x, u, p[: self._own]), np.sqrt(rho) * (outside != 0.0)[:, None]
-        return StageDerivatives(
-            own.step_x,
-            own.step_u,
-            np.vstack([own.residual_x, scale * own.limits_x]),
-            np.vstack([own.residual_u, scale * own.limits_u]),
-            np.zeros((0, self.state.ndx)),
-            np.zeros((0, self.nu)),
-        )
-
-    def terminal_derivatives(self, x: Array, p: Array) -> Array:
-        """Return the action's own."""
-        return self.base.terminal_derivatives(x, p[: self._own])
-
-    def _outside(self, x: Array, u: Array, p: Array) -> tuple[Array, float]:
-        """Return the distance of the constraint, shifted by the multipliers, above (positive) or below its bounds."""
-        value, lower, upper = self.base._limits(x, u, p[: self._own])
-        rho = float(p[-1])
-        moved = value + p[self._own : -1] / rho
-        return np.maximum(moved - upper, 0.0) + np.minimum(moved - lower, 0.0), rho
-
-
 def _differences(function: Any, size: int) -> list[Array]:
     """Return the derivatives (rows, size) of each of a function's results at zero."""
     rows = [len(value) for value in function(np.zeros(size))]
@@ -385,7 +383,3 @@ def _differences(function: Any, size: int) -> list[Array]:
         for matrix, ahead, behind in zip(found, function(step), function(-step), strict=True):
             matrix[:, i] = (ahead - behind) / (2 * _STEP)
     return found
-
-
-def _arrays(*columns: Any) -> list[Array]:
-    return [np.asarray(column, dtype=np.float64).reshape(-1) for column in columns]

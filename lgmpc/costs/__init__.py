@@ -2,8 +2,6 @@
 
 from lgmpc.costs.activations import (
     Activation,
-    FlatExponential,
-    FlatLogarithm,
     Huber,
     OfNorm,
     Quadratic,
@@ -31,8 +29,6 @@ __all__ = [
     "Cost",
     "CostItem",
     "CostTerm",
-    "FlatExponential",
-    "FlatLogarithm",
     "Huber",
     "LeastSquares",
     "MissingQuantityError",

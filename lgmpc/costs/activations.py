@@ -20,8 +20,6 @@ from lgmpc.typing import numbers
 
 __all__ = [
     "Activation",
-    "FlatExponential",
-    "FlatLogarithm",
     "Huber",
     "OfNorm",
     "Quadratic",
@@ -208,45 +206,3 @@ class SmoothTwoNorm(OfNorm):
     def slope(self, s: Any) -> Any:
         """Return half its reciprocal."""
         return 0.5 / self.rho(s)
-
-
-@dataclass(frozen=True, eq=False)
-class FlatExponential(OfNorm):
-    """``1 - exp(-r^T r / width^2)``: flat far from zero, so that the cost of outliers is bounded.
-
-    Crocoddyl's ActivationModelQuadFlatExp, whose alpha is ``width^2``.
-
-    Attributes:
-        width: positive.
-    """
-
-    width: Any = 1.0
-    sign = "positive"
-
-    def rho(self, s: Any) -> Any:
-        """Return the value."""
-        return 1 - ca.exp(-s / self.width**2)
-
-    def slope(self, s: Any) -> Any:
-        """Return ``exp(-s / width^2) / width^2``."""
-        return ca.exp(-s / self.width**2) / self.width**2
-
-
-@dataclass(frozen=True, eq=False)
-class FlatLogarithm(OfNorm):
-    """``log(1 + r^T r / width^2)``: grows ever more slowly. Crocoddyl's ActivationModelQuadFlatLog.
-
-    Attributes:
-        width: positive.
-    """
-
-    width: Any = 1.0
-    sign = "positive"
-
-    def rho(self, s: Any) -> Any:
-        """Return the logarithm."""
-        return ca.log(1 + s / self.width**2)
-
-    def slope(self, s: Any) -> Any:
-        """Return ``1 / (width^2 + s)``."""
-        return 1 / (self.width**2 + s)

@@ -7,104 +7,76 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from lgmpc.compile import compile_source
 from lgmpc.errors import InputError
-from lgmpc.ocp import ShootingFunctions, ShootingProblem
-from lgmpc.ocp.horizon import runs_of
+from lgmpc.ocp import PathFunctions, ShootingFunctions, ShootingProblem
 from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite, bilinear, products
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["BoxSweep", "ControlBounds", "control_bounds"]
+__all__ = ["BoxSweep", "ControlBounds", "bounded_rows"]
 
 _ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
 _EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
 
 
-class _Limits:
-    """Bounds of the rows of consecutive intervals of one action, evaluated in arrays of its own.
-
-    Args:
-        intervals: the intervals.
-        rows: (ng,) the controls that the rows bound.
-        limits: ``p -> (lower, upper)`` of the rows.
-
-    Attributes:
-        controls: the controls that have a row, in increasing order.
-        first: the first row of each.
-    """
-
-    def __init__(self, intervals: slice, rows: IntArray, limits: ca.Function) -> None:
-        length = intervals.stop - intervals.start
-        self.intervals, self.rows = intervals, rows
-        self.controls, self.first = np.unique(rows, return_index=True)
-        self._given = np.zeros((length, limits.numel_in(0)))
-        self._found = np.zeros((2, length, rows.size))
-        buffer: Any
-        buffer, self._evaluate = limits.map(length).buffer()
-        if self._given.size:
-            buffer.set_arg(0, self._given.data)
-        for i, found in enumerate(self._found):
-            buffer.set_res(i, found.data)
-        self._buffer = buffer  # the call refers to it
-
-    def __call__(self, parameters: Array) -> tuple[Array, Array]:
-        """Return lower and upper bounds (intervals, ng) for the parameters (N+1, np) of all intervals."""
-        self._given[...] = parameters[self.intervals, : self._given.shape[1]]
-        self._evaluate()
-        return self._found[0], self._found[1]
-
-
-@dataclass(frozen=True)
-class ControlBounds:
-    """The control that each row of each action's path constraint bounds.
-
-    Attributes:
-        runs: bounds of consecutive intervals of one action.
-    """
-
-    runs: tuple[_Limits, ...]
-
-    def write(self, parameters: Array, lower: Array, upper: Array) -> None:
-        """Write the bounds of all controls (N, nu): infinite where there is none, the tightest of several."""
-        lower[...], upper[...] = -np.inf, np.inf
-        for run in self.runs:
-            if run.rows.size:
-                low, high = run(parameters)
-                for i, row in enumerate(run.rows):
-                    np.maximum(lower[run.intervals, row], low[:, i], out=lower[run.intervals, row])
-                    np.minimum(upper[run.intervals, row], high[:, i], out=upper[run.intervals, row])
-
-    def multipliers(self, of_controls: Array) -> Array:
-        """Return each row's (N, ng) multiplier, that of its control (N, nu); of several rows the first has it."""
-        out = np.zeros((len(of_controls), max(run.rows.size for run in self.runs)))
-        for run in self.runs:
-            out[run.intervals, run.first] = of_controls[run.intervals, run.controls]
-        return out
-
-
-def control_bounds(problem: ShootingProblem) -> ControlBounds:
-    """Return the bounds on controls in a problem's path constraints.
+def bounded_rows(problem: ShootingProblem) -> IntArray:
+    """Return the control that each row of each interval's path constraint bounds, (N, ng); -1 where there is no row.
 
     Raises:
         InputError: a row that is not one control between bounds.
     """
-    known: dict[int, tuple[IntArray, ca.Function]] = {}
+    known: dict[int, IntArray] = {}
     for k, action in enumerate(problem.actions):
         if id(action) not in known:
-            rows, _ = known[id(action)] = action.bounded_controls()
+            rows = known[id(action)] = action.bounded_controls()
             if (rows < 0).any():
                 expected = "bounds on controls only (the SQP and the NLP take any constraint)"
                 got = f"'{action.name}', whose constraint row {int(rows.argmin())} is no control"
                 raise InputError(f"actions[{k}]", got, expected)
-    runs = runs_of(problem.actions)
-    return ControlBounds(tuple(_Limits(slice(start, stop), *known[id(action)]) for action, start, stop in runs))
+    found = np.full((problem.nodes, max(rows.size for rows in known.values())), -1)
+    for k, action in enumerate(problem.actions):
+        found[k, : known[id(action)].size] = known[id(action)]
+    return found
+
+
+class ControlBounds:
+    """The bounds of all controls in a problem's path constraints.
+
+    Args:
+        problem: its parameters are read at every call.
+        rows: of :func:`bounded_rows`.
+        progress: called with a description of what is being compiled.
+    """
+
+    def __init__(self, problem: ShootingProblem, rows: IntArray, progress: Callable[[str], None] | None = None) -> None:
+        self._place = np.nonzero(rows >= 0)
+        self._control = self._place[0], rows[self._place]
+        # Of several rows of a control the first has its multiplier.
+        _, first = np.unique(np.column_stack(self._control), axis=0, return_index=True)
+        self._first = tuple(index[first] for index in self._place)
+        self._bounded = tuple(index[first] for index in self._control)
+        # A row is its control and an expression in the parameters: its value for zero controls in any state.
+        xs = np.tile(problem.state.neutral(), (problem.nodes + 1, 1))
+        self._path = PathFunctions(problem, xs, np.zeros((problem.nodes, problem.nu)), progress)
+
+    def write(self, lower: Array, upper: Array) -> None:
+        """Write the bounds of all controls (N, nu): infinite where there is none, the tightest of several."""
+        path = self._path
+        path.evaluate()
+        lower[...], upper[...] = -np.inf, np.inf
+        np.maximum.at(lower, self._control, (path.lower - path.values)[self._place])
+        np.minimum.at(upper, self._control, (path.upper - path.values)[self._place])
+
+    def multipliers(self, of_controls: Array) -> Array:
+        """Return each row's (N, ng) multiplier, that of its control (N, nu)."""
+        out = np.zeros(self._path.values.shape)
+        out[self._first] = of_controls[self._bounded]
+        return out
 
 
 class BoxSweep:

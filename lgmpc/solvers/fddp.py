@@ -26,7 +26,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, LagrangianHessians, ShootingFunctions, ShootingProblem, Trajectory
-from lgmpc.solvers.box import BoxSweep, control_bounds
+from lgmpc.solvers.box import BoxSweep, ControlBounds, bounded_rows
 from lgmpc.solvers.curvature import CURVATURES
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, settings_of
@@ -390,15 +390,16 @@ class BoxFddp(Fddp):
     name = "box FDDP"
 
     def _check_constraints(self) -> None:
-        self._bounds = control_bounds(self.problem)
+        self._rows = bounded_rows(self.problem)
 
     def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
+        self._bounds = ControlBounds(self.problem, self._rows, progress)
         self._box = BoxSweep(self.functions, progress)
         return self._box
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f = self.functions
-        self._bounds.write(self.problem.parameters, f.u_lower, f.u_upper)
+        self._bounds.write(f.u_lower, f.u_upper)
         self._box.held[...] = 0
         if not (f.u_lower <= f.u_upper).all():
             super()._begin(guess)

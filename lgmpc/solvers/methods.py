@@ -13,7 +13,7 @@ from pydantic import Discriminator, Tag
 
 from lgmpc.ocp import ShootingProblem
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.box import control_bounds
+from lgmpc.solvers.box import bounded_rows
 from lgmpc.solvers.fddp import BoxFddp, Fddp, check_unconstrained
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
@@ -36,7 +36,7 @@ _METHODS: Mapping[str, tuple[type[SolverSettings], Callable[..., Solver]]] = {
 
 _CONSTRAINTS: Mapping[str, Callable[[ShootingProblem], object]] = {
     "fddp": check_unconstrained,
-    "box_fddp": control_bounds,
+    "box_fddp": bounded_rows,
 }
 """Raise for path constraints that a method does not support; the other methods support any."""
 

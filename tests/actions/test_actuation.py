@@ -6,18 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import (
-    ContactForwardDynamics,
-    FreeForwardDynamics,
-    MultibodyAction,
-    Squashed,
-    thrusters,
-)
+from lgmpc.actions import ContactForwardDynamics, MultibodyAction, thrusters
 from lgmpc.costs import CostItem
-from lgmpc.costs.library import Control, StateError
+from lgmpc.costs.library import Control
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, check_derivatives
-from lgmpc.solvers import Fddp, Status
 
 
 def walker() -> pin.Model:
@@ -70,46 +63,3 @@ def test_matrices_that_do_not_fit_are_named() -> None:
             ContactForwardDynamics(model, ["left_foot"], actuation=matrix)
     with pytest.raises(InputError, match="model: got .*, whose base is fixed"):
         thrusters(pin.buildSampleModelManipulator(), [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-
-
-@pytest.fixture
-def pendulum() -> FreeForwardDynamics:
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "swing")
-    model.appendBodyToJoint(joint, pin.Inertia(1.0, np.array([0.0, 0.0, -0.5]), 0.1 * np.eye(3)), pin.SE3.Identity())
-    return FreeForwardDynamics(model)
-
-
-def test_saturated_controls_stay_within_bounds_and_are_the_controls_between(pendulum: FreeForwardDynamics) -> None:
-    squashed = Squashed(pendulum, -2.0, 3.0, 0.01)
-    action = MultibodyAction("squashed", squashed, [CostItem("effort", Control(1), 1e-3)])
-    values = {"squash_lower": np.array([-2.0]), "squash_upper": np.array([3.0])}
-    efforts = [float(squashed.squash(np.array([u]), values)[0]) for u in np.linspace(-50.0, 50.0, 201)]
-    assert np.all(np.diff(efforts) > 0.0) and -2.0 < efforts[0] and efforts[-1] < 3.0
-    assert float(squashed.squash(np.array([0.7]), values)[0]) == pytest.approx(0.7, abs=1e-3)
-    problem = ShootingProblem(action, 4)
-    problem.set_initial_state([0.3, -0.2])
-    assert check_derivatives(problem).passed
-
-
-def test_fddp_keeps_the_bounds_of_saturated_controls(
-    pendulum: FreeForwardDynamics, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("LGMPC_JIT", "0")
-    goal = StateError(pendulum.state, [np.pi / 2, 0.0])
-    action = MultibodyAction(
-        "squashed_swing", Squashed(pendulum, -3.0, 3.0), [CostItem("effort", Control(1), 1e-3), CostItem("goal", goal)]
-    )
-    problem = ShootingProblem(action, 40)
-    problem.set("duration", 0.05)
-    problem.set("goal_weight", 100.0, [40])
-    solution = Fddp(problem).solve()
-    assert solution.status is Status.CONVERGED
-    values = {"squash_lower": np.array([-3.0]), "squash_upper": np.array([3.0])}
-    efforts = np.array([float(action.dynamics.squash(u, values)[0]) for u in solution.us])
-    assert np.abs(efforts).max() < 3.0 and np.abs(solution.us).max() > 3.0
-    with pytest.raises(InputError, match="lower below upper"):
-        Squashed(pendulum, 1.0, -1.0)
-    for smoothness in (0.0, np.inf):
-        with pytest.raises(InputError, match=f"smoothness: got {smoothness}"):
-            Squashed(pendulum, -1.0, 1.0, smoothness)

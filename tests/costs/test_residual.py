@@ -10,8 +10,6 @@ import pytest
 from lgmpc.costs import (
     ConstraintItem,
     CostItem,
-    FlatExponential,
-    FlatLogarithm,
     Huber,
     MissingQuantityError,
     Parameter,
@@ -129,8 +127,6 @@ def test_activation_and_its_derivatives(activation: Any, value: Any) -> None:
     ("activation", "value"),
     [
         (SmoothTwoNorm(0.25), lambda s: np.sqrt(s + 0.25)),
-        (FlatExponential(0.7), lambda s: -np.expm1(-s / 0.49)),
-        (FlatLogarithm(0.7), lambda s: np.log1p(s / 0.49)),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -184,8 +180,6 @@ def test_bad_input_is_named() -> None:
     for activation, name in (
         (Huber([-0.1, 1.0]), "threshold"),
         (SmoothTwoNorm(0.0), "epsilon"),
-        (FlatExponential(0.0), "width"),
-        (FlatLogarithm(-1.0), "width"),
         (QuadraticBarrier(1.0, [2.0, -1.0]), "lower"),
     ):
         with pytest.raises(InputError, match=f"c_{name}: got"):

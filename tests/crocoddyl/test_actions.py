@@ -13,8 +13,6 @@ from lgmpc.actions import Contact, ContactForwardDynamics, ImpulseAction, Multib
 from lgmpc.costs import (
     Activation,
     CostItem,
-    FlatExponential,
-    FlatLogarithm,
     Quadratic,
     QuadraticBarrier,
     Residual,
@@ -183,8 +181,6 @@ def residuals(crocoddyl: Any, state: Any) -> dict[str, tuple[Residual, Any]]:
     ("activation", "name", "arguments"),
     [
         (SmoothTwoNorm(0.3), "ActivationModelSmooth2Norm", (0.3,)),
-        (FlatExponential(0.7), "ActivationModelQuadFlatExp", (0.49,)),
-        (FlatLogarithm(0.7), "ActivationModelQuadFlatLog", (0.49,)),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )

@@ -138,7 +138,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "ContactInverseDynamics": (ContactInverseDynamics, dict(model=HUMANOID, contacts=FRAMES)),
     "FreeForwardDynamics": (FreeForwardDynamics, dict(model=HUMANOID, actuation=None, submerged=False)),
     "FreeInverseDynamics": (FreeInverseDynamics, dict(model=MODEL, actuation=None)),
-    "Squashed": (Squashed, dict(dynamics=DYNAMICS, lower=-1.0, upper=1.0, smoothness=0.05)),
     "ExternalWrench": (ExternalWrench, dict(model=HUMANOID)),
     "thrusters": (
         thrusters,

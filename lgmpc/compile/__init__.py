@@ -21,7 +21,7 @@ from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
-from lgmpc.compile.native import aligned_zeros, compile_programme, compile_source
+from lgmpc.compile.native import aligned_zeros, compile_source
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
 from lgmpc.compile.simd import SQUARES
 
@@ -36,7 +36,6 @@ __all__ = [
     "StageKernel",
     "aligned_zeros",
     "cache_folder",
-    "compile_programme",
     "compile_source",
     "densify_function",
     "find_compiler",

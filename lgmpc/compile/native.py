@@ -24,7 +24,6 @@ __all__ = [
     "Progress",
     "aligned_zeros",
     "bind_library",
-    "compile_programme",
     "compile_source",
     "generate_source",
     "load_library",
@@ -50,7 +49,12 @@ def generate_source(function: casadi.Function) -> str:
     Raises:
         CompileError: CasADi cannot write some part of it in C.
     """
-    code = _casadi_code(function.name(), function)
+    generator = casadi.CodeGenerator(f"{function.name()}.c", {"with_header": False})
+    try:
+        generator.add(function)
+        code = str(generator.dump())
+    except RuntimeError as error:
+        raise CompileError(function.name(), "CasADi code generation", str(error)) from error
     missing = _NOT_C.search(code)
     if missing is not None:
         raise CompileError(function.name(), "CasADi code generation", f"{missing[1]} has no C code")
@@ -63,16 +67,6 @@ def generate_source(function: casadi.Function) -> str:
     arguments = "arg, res, (long long int*) frame[4], (double*) frame[5], (int) plan[1]"
     call = f"if ({function.name()}({arguments})) return 1"
     return code + LOOP.format(n_in=function.n_in(), n_out=function.n_out(), call=call)
-
-
-def _casadi_code(name: str, *functions: casadi.Function) -> str:
-    generator = casadi.CodeGenerator(f"{name}.c", {"with_header": False})
-    try:
-        for function in functions:
-            generator.add(function)
-        return str(generator.dump())
-    except RuntimeError as error:
-        raise CompileError(name, "CasADi code generation", str(error)) from error
 
 
 def _identity(function: casadi.Function) -> str:
@@ -176,26 +170,6 @@ def bind_library(
     frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
     weakref.finalize(frame, library[f"{name}_release"], slot)
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
-
-
-def compile_programme(solver: casadi.Function, *, progress: Progress | None = None) -> Path | None:
-    """Compile the functions of a solver made by ``casadi.nlpsol``, or find them in the cache.
-
-    Args:
-        solver: made from expressions; its name and options determine its functions.
-        progress: called with a description of what is being compiled, if anything is.
-
-    Returns:
-        A library to pass to ``casadi.nlpsol`` (under the same name) in place of the expressions; None where nothing can
-        be compiled.
-
-    Raises:
-        CompileError: the compiler failed.
-        InputError: the environment (cache folder, ``CC``) cannot be used.
-    """
-    name = solver.name()
-    source = _casadi_code(name, solver.oracle(), *(solver.get_function(part) for part in solver.get_function()))
-    return compile_source(name, source, progress=progress)
 
 
 def compile_source(name: str, source: str, *, progress: Progress | None = None) -> Path | None:

@@ -16,7 +16,6 @@ import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
 
-from lgmpc.compile import compile_programme
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
 from lgmpc.settings import Positive
@@ -63,8 +62,7 @@ class NlpSolver(Solver):
     Args:
         problem: the problem; its data are read at every solve.
         settings: solver, tolerance and limits.
-        compiled: whether to evaluate machine code, which is compiled once (then cached) and several times faster.
-        progress: called with a description of what is being compiled.
+        progress: not called: CasADi interprets the problem's functions.
 
     Raises:
         InputError: fatrop, for a problem with actions of Python.
@@ -74,8 +72,6 @@ class NlpSolver(Solver):
         self,
         problem: ShootingProblem,
         settings: NlpSettings | None = None,
-        *,
-        compiled: bool = False,
         progress: Callable[[str], None] | None = None,
     ) -> None:
         self.settings: NlpSettings = settings_of(problem, settings, NlpSettings)
@@ -92,12 +88,7 @@ class NlpSolver(Solver):
             chosen["iteration_callback"] = self._watch
         programme: Any = self._shooting.programme
         self._values = ca.Function("values", [programme["x"], programme["p"]], [programme["f"], programme["g"]])
-        name = f"nlp_{problem.actions[0].name}_{problem.nodes}"
-        self._solver = ca.nlpsol(name, self.name, programme, chosen)
-        library = compile_programme(self._solver, progress=progress) if compiled else None
-        self.compiled = library is not None
-        if library is not None:
-            self._solver = ca.nlpsol(name, self.name, str(library), chosen)
+        self._solver = ca.nlpsol(f"nlp_{problem.nodes}", self.name, programme, chosen)
 
     def _run(
         self, base: Trajectory, max_iterations: int, time_limit: float | None, callback: Callback | None

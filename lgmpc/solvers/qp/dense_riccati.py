@@ -15,6 +15,7 @@ import numpy as np
 
 from lgmpc.compile import aligned_zeros
 from lgmpc.ocp import OcpQp, OcpQpStructure
+from lgmpc.solvers.qp.protocol import RiccatiSolver
 from lgmpc.solvers.sweep import compile_stages, work_size
 from lgmpc.typing import Array, IntArray
 
@@ -25,7 +26,7 @@ _LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
 _REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
 
 
-class DenseRiccati:
+class DenseRiccati(RiccatiSolver):
     """:class:`~lgmpc.solvers.qp.protocol.RiccatiSolver` on dense blocks (see the module).
 
     Args:
@@ -37,7 +38,8 @@ class DenseRiccati:
     keeps_factors = True
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
-        self.qp, s = qp, qp.structure
+        super().__init__(qp)
+        s = qp.structure
         n, nx, nu, ng, w = s.nodes, s.ndx, s.nu, s.ng, s.ndx + s.nu
         library = compile_stages("lgmpc_dense_riccati", "lgmpc.solvers.qp", nx, nu, progress)
         self.available = library is not None
@@ -52,15 +54,6 @@ class DenseRiccati:
         self._plan = np.array([n, ng, s.size, len(places), _LOAD], dtype=np.int64)
         self._last, self._last_gradient = np.zeros((nx, nx)), np.zeros(nx)
         self._gradient, self._gaps, self._residual = np.zeros((n, w)), np.zeros((n, nx)), np.zeros((n, w))
-        self.dx0: Array = np.zeros(nx)
-        self.weights: Array = np.zeros((n, ng))
-        self.targets: Array = np.zeros((n, ng))
-        self.dxs: Array = np.zeros((n + 1, nx))
-        self.dus: Array = np.zeros((n, nu))
-        self.costates: Array = np.zeros((n, nx))
-        self.rows: Array = np.zeros((n, ng))
-        self.multipliers: Array = np.zeros((n, ng))
-        self._cost = np.zeros(1)
 
         own = (
             self._plan, places, np.zeros(0), aligned_zeros(n * measure("stage", ng)),
@@ -80,11 +73,6 @@ class DenseRiccati:
             *own, zeros, self._residual, zeros, zeros, zeros, *self._correction, unused, unused, unused
         )
         self._memory = (own, zeros, unused)  # the frames contain addresses only
-
-    @property
-    def cost(self) -> float:
-        """Cost of the minimiser, without the penalties."""
-        return float(self._cost[0])
 
     def load(self) -> None:
         """Take over the problem's matrices and vectors."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -107,7 +108,7 @@ class QpSolver(Protocol):
         """
 
 
-class RiccatiSolver(Protocol):
+class RiccatiSolver(ABC):
     """Minimises the cost of an :class:`~lgmpc.ocp.OcpQp`, with penalised rows instead of its bounds.
 
     The cost plus
@@ -115,6 +116,9 @@ class RiccatiSolver(Protocol):
         sum_k sum_i  1/2 weight_ki (row_ki - target_ki)^2,        row_k = C_k dx_k + D_k du_k,
 
     subject to the dynamics only, by one Riccati sweep and a roll-out.
+
+    Args:
+        qp: the problem; R + D^T diag(weights) D has to be positive definite.
 
     Attributes:
         qp: the problem.
@@ -132,38 +136,47 @@ class RiccatiSolver(Protocol):
         multipliers: (N, ng) with which the minimiser is stationary, the penalties' slopes; written by the caller.
     """
 
-    qp: OcpQp
     available: bool
     penalty: float
     keeps_factors: bool
-    dx0: Array
-    weights: Array
-    targets: Array
-    dxs: Array
-    dus: Array
-    costates: Array
-    rows: Array
-    multipliers: Array
+
+    def __init__(self, qp: OcpQp) -> None:
+        s = qp.structure
+        self.qp = qp
+        self.dx0: Array = np.zeros(s.ndx)
+        self.weights: Array = np.zeros((s.nodes, s.ng))
+        self.targets: Array = np.zeros((s.nodes, s.ng))
+        self.dxs: Array = np.zeros((s.nodes + 1, s.ndx))
+        self.dus: Array = np.zeros((s.nodes, s.nu))
+        self.costates: Array = np.zeros((s.nodes, s.ndx))
+        self.rows: Array = np.zeros((s.nodes, s.ng))
+        self.multipliers: Array = np.zeros((s.nodes, s.ng))
+        self._cost = np.zeros(1)
 
     @property
     def cost(self) -> float:
         """Cost of the minimiser, without the penalties; not finite if the problem's numbers are not."""
+        return float(self._cost[0])
 
-    def load(self) -> None:
-        """Take over the problem's matrices and vectors."""
+    def load(self) -> None:  # noqa: B027 - not all have something to do
+        """Take over the problem's matrices and vectors; nothing where they are read in their place."""
 
+    @abstractmethod
     def factor(self) -> bool:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
 
     def feedback(self) -> Array | None:
         """Return the gains (N, nu, ndx) K of ``du = -K dx + ...`` of the last :meth:`factor`; None if not kept."""
+        return None
 
+    @abstractmethod
     def solve(self) -> None:
         """Minimise for other targets, the weights being those of the last :meth:`factor`."""
 
     def polish(self, tolerance: float) -> int | None:
-        """Correct minimiser and :attr:`multipliers` by their rounding.
+        """Correct minimiser and :attr:`multipliers` by their rounding; nothing where penalties are moderate.
 
         Returns:
             The number of corrections; None if the result is not stationary.
         """
+        return 0

@@ -19,16 +19,16 @@ import numpy as np
 
 from lgmpc.compile import StageKernel, cached
 from lgmpc.ocp import OcpQp, OcpQpStructure
-from lgmpc.typing import Array
+from lgmpc.solvers.qp.protocol import RiccatiSolver
 
 __all__ = ["SparseRiccati"]
 
 
-class SparseRiccati:
+class SparseRiccati(RiccatiSolver):
     """:class:`~lgmpc.solvers.qp.protocol.RiccatiSolver` in scalar code, on the problem's own memory.
 
     Args:
-        qp: the problem; R + D^T diag(weights) D has to be positive definite.
+        qp: the problem.
         progress: called with a description of what is being compiled.
     """
 
@@ -36,17 +36,11 @@ class SparseRiccati:
     keeps_factors = False
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
-        self.qp, s, n = qp, qp.structure, qp.structure.nodes
+        super().__init__(qp)
+        s, n = qp.structure, qp.structure.nodes
         last, backward, forward, total = cached(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
         self.available = backward.compiled
-        self.weights: Array = np.zeros((n, s.ng))
-        self.targets: Array = np.zeros((n, s.ng))
-        self.dxs: Array = np.zeros((n + 1, s.ndx))
-        self.dus: Array = np.zeros((n, s.nu))
-        self.costates: Array = np.zeros((n, s.ndx))
-        self.rows: Array = np.zeros((n, s.ng))
-        self.multipliers: Array = np.zeros((n, s.ng))
-        self.dx0: Array = self.dxs[0]
+        self.dx0 = self.dxs[0]
         togo = np.zeros((n + 1, backward.output_sizes["togo"]))
         factors = np.zeros((n, backward.output_sizes["factor"]))
         costs = np.zeros((n + 2, 1))  # of the intervals before each node, and of all
@@ -64,31 +58,15 @@ class SparseRiccati:
             total.bind(1, terminal_values=qp.terminal_values, dx=self.dxs[n], cost=costs[n], total=self._cost),
         )  # fmt: skip
 
-    @property
-    def cost(self) -> float:
-        """Cost of the minimiser, without the penalties; not finite if the problem's numbers are not."""
-        return float(self._cost[0])
-
-    def load(self) -> None:
-        """Do nothing: the matrices are read where they are."""
-
     def factor(self) -> bool:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
         self.solve()
         return math.isfinite(self._cost[0])
 
-    def feedback(self) -> Array | None:
-        """Return None: factors are not kept."""
-        return None
-
     def solve(self) -> None:
         """Minimise for other targets; factors are not kept."""
         for call in self._calls:
             call()
-
-    def polish(self, tolerance: float) -> int | None:
-        """Return 0: with penalties as moderate as this, the minimiser is stationary."""
-        return 0
 
 
 def _compile(

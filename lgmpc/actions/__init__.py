@@ -3,14 +3,17 @@
 from lgmpc.actions.base import Action, Stage, StageValue
 from lgmpc.actions.centroidal import CentroidalAction
 from lgmpc.actions.contacts import Contact
-from lgmpc.actions.dynamics import Dynamics, ExternalWrench, Load, Motion
-from lgmpc.actions.free_duration import ChooseStretch, Stretched
-from lgmpc.actions.full_body import (
+from lgmpc.actions.dynamics import (
     ContactForwardDynamics,
     ContactInverseDynamics,
+    Dynamics,
+    ExternalWrench,
     FreeForwardDynamics,
     FreeInverseDynamics,
+    Load,
+    Motion,
 )
+from lgmpc.actions.free_duration import ChooseStretch, Stretched
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
 from lgmpc.actions.multibody import HoldAction, ImpulseAction, MultibodyAction, thrusters

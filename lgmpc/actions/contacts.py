@@ -243,9 +243,3 @@ class ContactSolver(Factored):
         half = mass.forward(right[:nv, :])
         forces = self._schur.with_matrices(*schur).solve(right[nv:, :] - coupling.T @ mass.scale(half))
         return ca.vertcat(mass.back(mass.scale(half + coupling @ forces)), forces)
-
-    def solve_transposed(self, right: Any) -> Any:
-        """Return the solution of the transposed system, which differs by the signs of both coupling blocks."""
-        nv = self.matrices[0].shape[0]
-        solved = self.solve(ca.vertcat(right[:nv, :], -right[nv:, :]))
-        return ca.vertcat(solved[:nv, :], -solved[nv:, :])

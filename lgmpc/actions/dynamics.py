@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
+from lgmpc.actions.contacts import Contact, ContactSet
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
+from lgmpc.lie.symbolic import se3
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import StateMultibody
-from lgmpc.typing import instance
+from lgmpc.typing import instance, numbers
 
-__all__ = ["Dynamics", "ExternalWrench", "Load", "Motion", "actuated"]
+__all__ = [
+    "ContactForwardDynamics",
+    "ContactInverseDynamics",
+    "Dynamics",
+    "ExternalWrench",
+    "FreeForwardDynamics",
+    "FreeInverseDynamics",
+    "Load",
+    "Motion",
+    "actuated",
+]
 
 
 @dataclass(frozen=True)
@@ -131,3 +145,225 @@ class ExternalWrench(Load):
         moment += ca.cross(robot.com(q) - base.translation, force)
         back = base.rotation.T
         return ca.vertcat(back @ force, back @ moment, ca.SX(robot.nv - 6, 1))
+
+
+class ContactForwardDynamics(Dynamics):
+    """u = efforts, ``B u`` on the robot; accelerations and contact forces from the constrained equations of motion.
+
+        M a + nle = B u + J^T f + loads,        J a + dJ/dt v + Baumgarte = -damping f
+
+    for the contacts whose flag is 1; the others have no force. Udwadia and Kalaba (1992); with point contacts it is
+    Crocoddyl's contact forward dynamics with LOCAL_WORLD_ALIGNED contacts.
+
+    Parameters: contact_flags, contact_damping, contact_points, contact_gains (and contact_orientations if there are
+    surfaces), and those of the loads.
+
+    Args:
+        model: the robot; its base, if free, is not actuated.
+        contacts: names of frames (points) or contacts.
+        loads: further forces on the robot.
+        actuation: (nv, nu) B, with zero rows for passive joints and columns for thrusters (see
+            :func:`lgmpc.actions.thrusters`); unless given, the identity on all joints but the free base.
+
+    Raises:
+        InputError: a contact frame that is unknown or named twice, or a matrix of the wrong shape.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        contacts: Sequence[str | Contact],
+        loads: Sequence[Load] = (),
+        actuation: ArrayLike | None = None,
+    ) -> None:
+        self.contacts = ContactSet(model, contacts)
+        instance("loads", loads, (tuple, list), "a list of loads")
+        for i, load in enumerate(loads):
+            instance(f"loads[{i}]", load, Load, "a Load, such as ExternalWrench(model)")
+        self.loads = tuple(loads)
+        self.actuation = _actuation(model, actuation)
+        parameters = [*self.contacts.parameters, *self.contacts.anchors]
+        parameters += [parameter for load in loads for parameter in load.parameters]
+        super().__init__(model, self.actuation.shape[1], tuple(parameters))
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return accelerations and contact forces."""
+        robot, contacts, nv = self.robot, self.contacts, self.robot.nv
+        solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
+        effort = self.actuation @ u
+        tau = effort[actuated(self.model)]
+        for load in self.loads:
+            effort += load.generalized(robot, q, values)
+
+        def residual(z: Any) -> Any:
+            a, f = z[:nv], z[nv:]
+            external = contacts.by_frame(flags * f, robot, q)
+            held = flags * contacts.acceleration(robot, q, v, a, values)
+            loose = (1 - flags + values["contact_damping"]) * f
+            return ca.vertcat(robot.rnea(q, v, a, external) - effort, held + loose)
+
+        still = flags * contacts.acceleration(robot, q, v, None, values)
+        z = unknowns.define_linear(solver, ca.vertcat(effort - robot.nle(q, v), -still), residual)
+        return Motion(z[:nv], tau, contacts.by_frame(z[nv:], robot, q))
+
+
+class FreeForwardDynamics(Dynamics):
+    """No contacts; generalised forces ``B u - linear drag v - quadratic drag |v| v``, entry by entry.
+
+    For an arm (B = identity), a quadrotor (B from the thrusters, see :func:`lgmpc.actions.thrusters`) and a submerged
+    body (B = identity: u is its wrench; with drag, buoyancy and added mass).
+
+    Parameters: ``drag_linear``, ``drag_quadratic`` (nv,); if submerged also ``added_mass`` (6,) and ``buoyancy`` (3,),
+    a force on the first joint's body, world axes, at ``buoyancy_center`` (3,) in that body's frame. The added mass
+    brings the momentum term of Kirchhoff's equations, ``v x* (m_a v)`` (Lamb, Hydrodynamics, 1932; Fossen 2011).
+
+    Args:
+        model: the robot.
+        actuation: (nv, nu) B; unless given, the identity on the actuated joints.
+        submerged: whether there are added mass and buoyancy; the model's first joint is then a free-flyer.
+
+    Raises:
+        InputError: a matrix of the wrong shape, or a submerged robot without free base.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None, submerged: bool = False) -> None:
+        floating, nv = actuated(model).start > 0, int(model.nv)
+        instance("submerged", submerged, bool, "True or False")
+        if submerged and not floating:
+            raise InputError("submerged", "a model with a fixed base", "a model whose first joint is a free-flyer")
+        self.actuation = _actuation(model, actuation)
+        self.submerged = submerged
+        parameters: tuple[Parameter, ...] = (
+            Parameter("drag_linear", nv, "generalised drag force per velocity"),
+            Parameter("drag_quadratic", nv, "generalised drag force per squared velocity"),
+        )
+        if submerged:
+            parameters += (
+                Parameter("added_mass", 6, "added mass of the fluid, body axes, kg and kg.m2"),
+                Parameter("buoyancy", 3, "buoyant force, world axes, N"),
+                Parameter("buoyancy_center", 3, "centre of buoyancy, body frame, m"),
+            )
+        super().__init__(model, self.actuation.shape[1], parameters)
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the accelerations."""
+        robot = self.robot
+        effort = self.forces(q, v, u, values) + self._kirchhoff(v, values)
+        factor = type(robot.mass_factor(q))(self.mass_matrix(q, values))
+        added = self._added(values)
+
+        def residual(a: Any) -> Any:
+            return robot.rnea(q, v, a) + added * a - effort
+
+        a = unknowns.define_linear(factor, effort - robot.nle(q, v), residual)
+        joints = actuated(self.model)
+        return Motion(a, (self.actuation @ u)[joints])
+
+    def mass_matrix(self, q: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv, nv) the mass matrix, with the added mass."""
+        mass = self.robot.crba(q)
+        if self.submerged:
+            mass[:6, :6] += ca.diag(values["added_mass"])
+        return mass
+
+    def forces(self, q: Any, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv,) the generalised forces other than gravity and inertial forces, the fluid's included."""
+        effort = self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
+        if not self.submerged:
+            return effort
+        lift = self.robot.joint_placement(q, 1).rotation.T @ values["buoyancy"]
+        base = ca.vertcat(lift, ca.cross(values["buoyancy_center"], lift))
+        return effort + ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
+
+    def _kirchhoff(self, v: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv,) the momentum term of the added mass in the moving frame, ``-v x* (m_a v)``."""
+        if not self.submerged:
+            return ca.SX(self.robot.nv, 1)
+        base = se3.coadjoint(v[:6]) @ (values["added_mass"] * v[:6])
+        return ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
+
+    def _added(self, values: Mapping[str, Any]) -> Any:
+        nv = self.robot.nv
+        return ca.vertcat(values["added_mass"], ca.SX(nv - 6, 1)) if self.submerged else ca.SX(nv, 1)
+
+
+class FreeInverseDynamics(Dynamics):
+    """u = accelerations; no contacts. Efforts follow from ``M a + nle``.
+
+    Cheaper to expand than forward dynamics, as nothing is factorised. Efforts are costs or bounds by a
+    residual of ``s.tau``. The generalised forces without actuator, of passive joints or of a free
+    base with fewer than six thrusters, are zero by a path constraint.
+
+    Args:
+        model: the robot.
+        actuation: (nv, nu) B of full column rank; unless given, the identity on all joints but the free base.
+
+    Raises:
+        InputError: a matrix of the wrong shape or rank.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None) -> None:
+        matrix = _actuation(model, actuation).full()
+        rows, values, _ = np.linalg.svd(matrix)
+        if matrix.shape[1] > matrix.shape[0] or values.min(initial=np.inf) < 1e-9 * values.max(initial=1.0):
+            raise InputError("actuation", f"shape {matrix.shape}, of lower rank", "a matrix of full column rank")
+        # Rows of the identity, where a joint is passive, rather than an orthonormal basis of these.
+        passive = np.eye(len(matrix))[~matrix.any(axis=1)]
+        others = len(matrix) - matrix.shape[1] - len(passive)
+        free = rows[:, matrix.shape[1] :].T if others else passive
+        self._unactuated = ca.sparsify(ca.DM(free))
+        super().__init__(model, int(model.nv), ())
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the control as accelerations, with zero generalised forces of what is not actuated as a constraint."""
+        efforts = self.robot.rnea(q, v, u)
+        rows = self._unactuated @ efforts
+        zero = ca.SX.zeros(rows.shape[0])
+        return Motion(u, efforts[actuated(self.model)], path=Bounded(rows, zero, zero))
+
+
+class ContactInverseDynamics(Dynamics):
+    """u = [accelerations; contact forces]; the equations of motion are path constraints.
+
+    The path constraint holds the free base's equations of motion and, for each contact,
+    ``J a + dJ/dt v + Baumgarte = 0`` or, in the air, zero force. Efforts follow from the other equations: bound them
+    with a constraint on ``s.tau``.
+
+    Args:
+        model: the robot; its base, if free, is not actuated.
+        contacts: names of frames (points) or contacts.
+
+    Raises:
+        InputError: a contact frame that is unknown or named twice.
+        ModelError: unsupported joints.
+    """
+
+    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
+        self.contacts = ContactSet(model, contacts)
+        parameters = (*self.contacts.parameters, *self.contacts.anchors)
+        super().__init__(model, int(model.nv) + self.contacts.nf, parameters)
+
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+        """Return the control's accelerations and forces, with the equations of motion as a constraint."""
+        robot, contacts, nv = self.robot, self.contacts, self.robot.nv
+        a, f = u[:nv], u[nv:]
+        flags = contacts.flags(values)
+        external = contacts.by_frame(flags * f, robot, q)
+        efforts = robot.rnea(q, v, a, external)
+        joints = actuated(self.model)
+        held = flags * contacts.acceleration(robot, q, v, a, values)
+        rows = ca.vertcat(efforts[: joints.start], held + (1 - flags + values["contact_damping"]) * f)
+        zero = ca.SX.zeros(rows.shape[0])
+        return Motion(a, efforts[joints], external, Bounded(rows, zero, zero))
+
+
+def _actuation(model: pin.Model, actuation: ArrayLike | None) -> ca.DM:
+    """Return (nv, nu) B; the identity on the actuated joints unless given."""
+    joints, nv = actuated(model), int(model.nv)
+    matrix = np.eye(nv)[:, joints] if actuation is None else numbers("actuation", actuation)
+    if matrix.ndim != 2 or matrix.shape[0] != nv or not np.isfinite(matrix).all():
+        raise InputError("actuation", f"shape {matrix.shape}", f"a finite matrix of shape ({nv}, nu)")
+    return ca.sparsify(ca.DM(matrix))

@@ -9,8 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions.dynamics import Dynamics, Motion
-from lgmpc.actions.full_body import FreeForwardDynamics
+from lgmpc.actions.dynamics import Dynamics, FreeForwardDynamics, Motion
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import se3, so3

@@ -168,7 +168,7 @@ class StageSteps:
         pull = self.function("gradient", [first, pulled, column], [first + column[used].T @ pulled])
         return (
             PipelineStep(function, ("x", "u", "z", "p"), results),
-            *self.through_slopes(used, mixed, inner),
+            *self._through_slopes(used, mixed, inner),
             PipelineStep(pull, ("direct_gradient", "pulled", "slopes"), ("gradient",), self.n),
         )
 
@@ -186,18 +186,15 @@ class StageSteps:
             self._chain("rows_chain", direct, through, "rows", "rows"),
         )
 
-    def through_slopes(
-        self, used: list[int], mixed: Any, inner: Any, entries: str = "mixed_entries"
-    ) -> tuple[PipelineStep, ...]:
+    def _through_slopes(self, used: list[int], mixed: Any, inner: Any) -> tuple[PipelineStep, ...]:
         """Return the steps ``hessian = direct_hessian + M^T S + S^T (M + N S)``, with S the slopes of z.
 
-        They read the dense column ``mixed`` of M and the stored entries of N in ``inner``.
+        They read the dense column ``mixed`` of M, its stored entries, and those of N in ``inner``.
 
         Args:
             used: entries of z that M (k, n) and N (k, k) belong to.
             mixed: M, whose sparsity counts.
             inner: N, whose sparsity counts.
-            entries: the column with the stored entries of M.
         """
         size, nz, k = self.n, self.z.shape[0], len(used)
         column, column_mixed = ca.SX.sym("slope", nz), ca.SX.sym("mixed", k)
@@ -210,7 +207,7 @@ class StageSteps:
         fill = self.function("hessian", [start, mixed_entries, slopes, half_column, column], [whole])
         return (
             PipelineStep(half, ("inner", "mixed", "slopes"), ("half",), size),
-            PipelineStep(fill, ("direct_hessian", entries, "slopes", "half", "slopes"), ("hessian",), size),
+            PipelineStep(fill, ("direct_hessian", "mixed_entries", "slopes", "half", "slopes"), ("hessian",), size),
         )
 
     def _gap(self) -> tuple[Any, Any, Any]:

@@ -1,13 +1,12 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
+from lgmpc.ocp.functions import LagrangianHessians, PathFunctions, SubproblemFunctions
 from lgmpc.ocp.kkt import KktConditions, KktResidual
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, OcpQp, OcpQpStructure
 from lgmpc.ocp.shooting import ShootingFunctions
-from lgmpc.ocp.subproblem import SubproblemFunctions
-from lgmpc.ocp.trajectory_functions import LagrangianHessians, PathFunctions
 from lgmpc.ocp.transcription import MultipleShooting, transcribe
 
 __all__ = [

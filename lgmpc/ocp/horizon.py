@@ -1,23 +1,37 @@
-"""The stages of a problem, evaluated all together: kernels of its actions on the caller's arrays.
-
-Every distinct action is compiled once, for any horizon and any position in it; consecutive nodes of the same action are
-one call, a loop in C.
-"""
+"""The stages of a problem, evaluated all together: their expansions as rows of values, on the caller's arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
+import numpy as np
 
 from lgmpc.actions import Action
+from lgmpc.compile import Pipeline, PipelineStep
 from lgmpc.ocp.problem import ShootingProblem
+from lgmpc.ocp.quadratic import Block, OcpQpStructure
 from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = ["Stages", "advance", "bind_intervals", "bind_last", "difference", "distinct", "retraction", "runs_of"]
+__all__ = [
+    "StageMatrices",
+    "Stages",
+    "advance",
+    "bind_intervals",
+    "bind_last",
+    "difference",
+    "distinct",
+    "like",
+    "pack_terminal",
+    "pipeline_of",
+    "retraction",
+    "runs_of",
+    "structure_of",
+    "symbols_of",
+]
 
 
 class Stages(Protocol):
@@ -92,3 +106,168 @@ def _rows(array: Array, start: int, stop: int) -> Array:
     """Return the rows of some stages, a matrix's entries in a row; an array that all stages share as it is."""
     part = array if array.ndim == 1 else array[start:stop]
     return part.reshape(len(part), -1) if part.ndim > 2 else part
+
+
+_MATRICES = "ABCDQRS"
+
+_STAGE = ("A", "B", "b", "Q", "S", "R", "q", "r", "C", "D", "lower", "upper", "cost")
+_TERMINAL = ("Q", "q", "cost")
+
+
+def symbols_of(function: ca.Function) -> list[Any]:
+    """Return symbols for the inputs of an action's function: of scalars, or of matrices if it calls Python."""
+    symbols: list[Any] = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
+    return symbols
+
+
+def like(function: ca.Function, symbol: Any) -> Any:
+    """Return a symbol of the same name and shape, of the kind that a function takes."""
+    return symbol if function.is_a("SXFunction") else ca.MX.sym("s", *symbol.shape)
+
+
+class StageMatrices:
+    """The matrices of an action's expansion, with as many controls and rows as the largest action of a problem has.
+
+    A control that the action does not have is fixed at zero by a unit weight; a row that it does not have is zero
+    between -1 and 1 (solvers reject rows without bounds).
+
+    Args:
+        action: the action.
+        nu: number of controls; the action's unless given.
+        ng: number of rows; the action's unless given.
+
+    Attributes:
+        patterns: of each matrix of :class:`~lgmpc.ocp.OcpQpStructure`.
+    """
+
+    def __init__(self, action: Action, nu: int | None = None, ng: int | None = None) -> None:
+        self._action = action
+        if action.expansion is None:
+            function = action.quadratic_function
+            self._names, self._inputs = function.name_in(), symbols_of(function)
+            found = dict(zip(function.name_out(), function.call(self._inputs), strict=True))
+        else:
+            columns = action.expansion.columns
+            self._names = list(columns)
+            self._inputs = [ca.SX.sym(name, *pattern.shape) for name, pattern in columns.items()]
+            found = _split(dict(zip(columns, self._inputs, strict=True)), columns, action.state.ndx)
+        rows = found["lower"].shape[0]
+        self._matrices = _padded(found, action.nu if nu is None else nu, rows if ng is None else ng)
+        self.patterns = {name: matrix.sparsity() for name, matrix in self._matrices.items()}
+
+    def packed(self, blocks: Mapping[str, Block]) -> ca.Function | Pipeline:
+        """Return ``(x, u, x_next, p) -> values`` with the entries of all blocks."""
+        action, column = self._action, _packed(self._matrices, blocks)
+        name = f"{action.name}_values_{column.numel()}"
+        if action.expansion is None:
+            return ca.Function(name, self._inputs, [column], self._names, ["values"])
+        return pipeline_of(name, action, dict(zip(self._names, self._inputs, strict=True)), {"values": column})
+
+
+def pipeline_of(name: str, action: Action, symbols: Mapping[str, Any], outputs: Mapping[str, Any]) -> Pipeline:
+    """Return the pipeline of an action's expansion in steps, with results of chosen entries.
+
+    Args:
+        name: in messages.
+        action: with an expansion in steps.
+        symbols: of the expansion's columns.
+        outputs: columns (or matrices) whose entries are such symbols, or constants.
+    """
+    assert action.expansion is not None
+    known = {
+        entry.element_hash(): (column, i)
+        for column, symbol in symbols.items()
+        for i, entry in enumerate(ca.vertsplit(ca.vec(symbol)))
+    }
+    numbers: list[float] = []
+
+    def place(entry: Any) -> tuple[str, int]:
+        if not entry.is_constant():
+            return known[entry.element_hash()]
+        number = float(entry)
+        if number not in numbers:
+            numbers.append(number)
+        return "numbers", numbers.index(number)
+
+    entries = {key: tuple(place(e) for e in ca.vertsplit(ca.vec(ca.densify(v)))) for key, v in outputs.items()}
+    steps = action.expansion.steps
+    if numbers:
+        constants = ca.Function(f"{name}_numbers", [], [ca.SX(ca.DM(numbers))])
+        steps = (*steps, PipelineStep(constants, (), ("numbers",)))
+    inputs = {"x": action.state.nx, "u": action.nu, "x_next": action.state.nx, "p": action.parameters.size}
+    return Pipeline(name, inputs, steps, entries)
+
+
+def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int, full: str = "") -> OcpQpStructure:
+    """Return the structure of the linear-quadratic problems of stages that have the same numbers of controls and rows.
+
+    Args:
+        stages: of the distinct actions of a horizon.
+        terminal: the action whose terminal cost applies to the last state.
+        nodes: number of intervals.
+        full: names of matrices that are stored whole.
+    """
+    last = terminal.terminal_quadratic_function
+    blocks, size = _blocks([stage.patterns for stage in stages], full)
+    last_blocks, last_size = _blocks([{name: last.sparsity_out(name) for name in _TERMINAL}], full)
+    (ndx, nu), ng = blocks["B"].shape, blocks["lower"].shape[0]
+    return OcpQpStructure(nodes, ndx, nu, ng, blocks, last_blocks, size, last_size)
+
+
+def pack_terminal(terminal: Action, blocks: Mapping[str, Block]) -> ca.Function:
+    """Return ``(x, p) -> values`` of the terminal cost."""
+    function = terminal.terminal_quadratic_function
+    inputs = symbols_of(function)
+    column = _packed(dict(zip(function.name_out(), function.call(inputs), strict=True)), blocks)
+    name = f"{function.name()}_values_{column.numel()}"
+    return ca.Function(name, inputs, [column], function.name_in(), ["values"])
+
+
+def _packed(matrices: Mapping[str, Any], blocks: Mapping[str, Block]) -> Any:
+    """Return the entries of all blocks in one column."""
+    entries = [ca.vec(ca.project(matrices[name], block.sparsity()).nz[:]) for name, block in blocks.items()]
+    return ca.densify(ca.vertcat(*entries))
+
+
+def _split(found: Mapping[str, Any], patterns: Mapping[str, ca.Sparsity], ndx: int) -> dict[str, Any]:
+    """Return the matrices of a stage from the results of an expansion in steps."""
+    m = {name: ca.project(value, patterns[name]) for name, value in found.items()}
+    return {
+        "A": m["jacobian"][:, :ndx], "B": m["jacobian"][:, ndx:], "b": m["gap"],
+        "Q": m["hessian"][:ndx, :ndx], "S": m["hessian"][ndx:, :ndx], "R": m["hessian"][ndx:, ndx:],
+        "q": m["gradient"][:ndx], "r": m["gradient"][ndx:], "C": m["rows"][:, :ndx], "D": m["rows"][:, ndx:],
+        "lower": m["lower"], "upper": m["upper"], "cost": m["cost"],
+    }  # fmt: skip
+
+
+def _padded(m: dict[str, Any], nu: int, ng: int) -> dict[str, Any]:
+    ndx, own, rows = m["A"].shape[0], m["r"].shape[0], m["lower"].shape[0]
+    more_u, more_g = nu - own, ng - rows
+    m["B"] = ca.horzcat(m["B"], ca.DM(ndx, more_u))
+    m["S"] = ca.vertcat(m["S"], ca.DM(more_u, ndx))
+    m["R"] = ca.diagcat(m["R"], ca.DM.eye(more_u)) if more_u else m["R"]
+    m["r"] = ca.vertcat(m["r"], ca.DM.zeros(more_u))
+    m["C"] = ca.vertcat(ca.reshape(m["C"], rows, ndx), ca.DM(more_g, ndx))
+    m["D"] = ca.diagcat(ca.reshape(m["D"], rows, own), ca.DM(more_g, more_u))
+    m["lower"] = ca.vertcat(m["lower"], -ca.DM.ones(more_g))
+    m["upper"] = ca.vertcat(m["upper"], ca.DM.ones(more_g))
+    return {name: m[name] for name in _STAGE}
+
+
+def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]], full: str) -> tuple[dict[str, Block], int]:
+    """Return each block's stored entries, all that are not structurally zero in one of the patterns, and their number.
+
+    Vectors are stored whole, so that they can be viewed as arrays; so are the matrices named in ``full``.
+    """
+    blocks: dict[str, Block] = {}
+    start = 0
+    for name, first in patterns[0].items():
+        pattern = first
+        for other in patterns[1:]:
+            pattern = pattern + other[name]
+        if name not in _MATRICES or name in full:
+            pattern = ca.Sparsity.dense(*pattern.shape)
+        rows, columns = (np.array(index, dtype=np.int64) for index in pattern.get_triplet())
+        blocks[name] = Block(pattern.shape, rows, columns, slice(start, start + rows.size))
+        start += rows.size
+    return blocks, start

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,13 +12,11 @@ from numpy.typing import ArrayLike
 from lgmpc.actions import Action, StageValue
 from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
-from lgmpc.ocp.files import read_arrays, write_arrays
 from lgmpc.state import StateMultibody
 from lgmpc.typing import Array, identifier, numbers
 
 __all__ = ["ShootingProblem", "Trajectory"]
 
-_SCHEMA = "lgmpc trajectory 1"
 _NEWTON_STEPS = 20
 FEASIBLE = 1e-6
 """Violation up to which a first state counts as feasible."""
@@ -39,24 +36,6 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory(xs {np.shape(self.xs)}, us {np.shape(self.us)})"
-
-    def save(self, path: str | Path) -> Path:
-        """Write the trajectory to a file (npz, without pickle) and return its path.
-
-        Raises:
-            InputError: it cannot be written.
-        """
-        return write_arrays(path, _SCHEMA, {"xs": self.xs, "us": self.us})
-
-    @classmethod
-    def load(cls, path: str | Path) -> Trajectory:
-        """Return the trajectory of a file of :meth:`save`.
-
-        Raises:
-            InputError: the file cannot be read, or contains something else.
-        """
-        found = read_arrays(path, _SCHEMA, ("xs", "us"))
-        return cls(found["xs"].astype(np.float64), found["us"].astype(np.float64))
 
 
 class ShootingProblem:

@@ -11,8 +11,7 @@ import numpy as np
 
 from lgmpc.actions import Action
 from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, cached
-from lgmpc.ocp.horizon import bind_intervals, bind_last, difference, distinct
-from lgmpc.ocp.packing import like, pipeline_of, symbols_of
+from lgmpc.ocp.horizon import bind_intervals, bind_last, difference, distinct, like, pipeline_of, symbols_of
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array

@@ -14,8 +14,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action
-from lgmpc.ocp.horizon import runs_of
-from lgmpc.ocp.packing import like, symbols_of
+from lgmpc.ocp.horizon import like, runs_of, symbols_of
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.state import State
 from lgmpc.typing import Array

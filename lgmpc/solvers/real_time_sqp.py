@@ -20,7 +20,6 @@ import numpy as np
 from lgmpc.compile import BatchKernel, StageKernel, cached
 from lgmpc.ocp import KktConditions, KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.horizon import advance, difference
-from lgmpc.solvers.loop import check_limits
 from lgmpc.solvers.qp import QpSolver, make_qp_solver
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.state import State
@@ -31,7 +30,7 @@ __all__ = ["RealTimeSqp"]
 
 
 class RealTimeSqp:
-    """Real-time iterations, or iterations to convergence, on one :class:`~lgmpc.ocp.ShootingProblem`.
+    """Real-time iterations on one :class:`~lgmpc.ocp.ShootingProblem`.
 
     The problem's parameters are read at every preparation. The current trajectory is in :attr:`xs` and :attr:`us`,
     which may be written.
@@ -115,40 +114,14 @@ class RealTimeSqp:
         has no usable solution the status is the QP solver's, and the current trajectory stays as it was.
         """
         start = time.perf_counter()
-        status = self._step(x0)
-        kkt = self._residual(at_step=True) if status.usable else KktResidual.unknown()
-        return self._result(status, 1, self.qp_solver.iterations, kkt, start, self._preparation)
-
-    def solve(self, max_iterations: int = 50, tolerance: float = 1e-8) -> Solution:
-        """Iterate from the current trajectory until the nonlinear problem's optimality conditions hold.
-
-        Args:
-            max_iterations: most subproblems to solve, at least 0.
-            tolerance: largest residual of the conditions; the QP solver has to be at least as accurate.
-
-        Raises:
-            InputError: a negative number of iterations.
-        """
-        instance("max_iterations", max_iterations, (int, np.integer), "a whole number, at least 0")
-        check_limits(max_iterations, None, None)
-        numbers("tolerance", tolerance, ())
-        start = time.perf_counter()
-        preparation = 0.0
-        inner = taken = 0
-        while True:
-            self.prepare()
-            preparation += self._preparation
-            start += self._preparation  # the rest is the feedback's share
-            kkt = self._residual(at_step=False)
-            if kkt.largest <= tolerance and taken > 0:  # the first step moves xs[0] to x0
-                return self._result(Status.CONVERGED, taken, inner, kkt, start, preparation)
-            if taken >= max_iterations:
-                return self._result(Status.ITERATION_LIMIT, taken, inner, kkt, start, preparation)
-            status = self._step(self.problem.x0)
-            inner += self.qp_solver.iterations
-            if not status.usable:
-                return self._result(status, taken, inner, kkt, start, preparation)
-            taken += 1
+        status, point = self._step(x0), self.qp_solver.solution
+        kkt = self._kkt.residual(*point.arrays) if status.usable else KktResidual.unknown()
+        elapsed = time.perf_counter() - start
+        return Solution(
+            self.problem, self.xs.copy(), self.us.copy(), self._none, self._none[:, 0], point.costates.copy(),
+            point.multipliers.copy(), status, 1, math.nan, self._none[:, 0], kkt,
+            Timings(self._preparation + elapsed, self._preparation, elapsed), qp_iterations=self.qp_solver.iterations,
+        )  # fmt: skip
 
     def _step(self, x0: Array) -> Status:
         f, step = self._functions, self.qp_solver.solution
@@ -161,22 +134,6 @@ class RealTimeSqp:
         f.retract()
         self.us += step.dus
         return {Status.CONVERGED: Status.STEPPED, Status.TIME_LIMIT: status}.get(status, Status.ACCEPTABLE)
-
-    def _residual(self, *, at_step: bool) -> KktResidual:
-        """Return the residual of the subproblem at its solution, or of the nonlinear problem around it."""
-        point = self.qp_solver.solution
-        dxs, dus = (point.dxs, point.dus) if at_step else (0.0, 0.0)
-        return self._kkt.residual(dxs, dus, point.costates, point.multipliers)
-
-    def _result(
-        self, status: Status, iterations: int, inner: int, kkt: KktResidual, start: float, preparation: float
-    ) -> Solution:
-        point, elapsed = self.qp_solver.solution, time.perf_counter() - start
-        return Solution(
-            self.problem, self.xs.copy(), self.us.copy(), self._none, self._none[:, 0], point.costates.copy(),
-            point.multipliers.copy(), status, iterations, math.nan, self._none[:, 0], kkt,
-            Timings(preparation + elapsed, preparation, elapsed), qp_iterations=inner,
-        )  # fmt: skip
 
 
 def _compile(state: State, progress: Callable[[str], None] | None) -> tuple[BatchKernel, StageKernel]:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+import os
+import secrets
+import zipfile
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from lgmpc.actions import Action, Cost
 from lgmpc.errors import InputError
 from lgmpc.notebook import html_table
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
-from lgmpc.ocp.files import read_arrays, write_arrays
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.ocp.numdiff import MEANINGS
 from lgmpc.status import Status
@@ -134,7 +139,7 @@ class Solution:
         kkt, timings = ([getattr(part, f.name) for f in fields(part)] for part in (self.kkt, self.timings))
         data = {"x0": self.problem.x0, "parameters": self.problem.parameters}
         named = {"status": self.status.name, "actions": _action_names(self.problem)}
-        return write_arrays(path, _SCHEMA, {**arrays, **numbers, "kkt": kkt, "timings": timings, **data, **named})
+        return _write(path, {**arrays, **numbers, "kkt": kkt, "timings": timings, **data, **named})
 
     @classmethod
     def load(cls, path: str | Path, problem: ShootingProblem) -> Solution:
@@ -148,7 +153,7 @@ class Solution:
             InputError: the file cannot be read, contains something else, or is of another problem.
         """
         more = ("cost", "criterion", "iterations", "kkt", "timings", "x0", "parameters", "status", "actions")
-        found = read_arrays(path, _SCHEMA, (*_ARRAYS, *more))
+        found = _read(path, (*_ARRAYS, *more))
         instance("problem", problem, ShootingProblem, "the ShootingProblem that was solved")
         mine = problem.copy()
         names = _action_names(mine)
@@ -360,6 +365,40 @@ class Solution:
         if not np.isfinite(self._costs()[-1]):
             return f"The cost of the last node ('{problem.terminal.name}') contains NaN or infinity."
         return None
+
+
+def _write(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """Write a file of arrays, complete or not at all, and return its path."""
+    instance("path", path, (str, os.PathLike), "a path")
+    path = Path(path)
+    partial = path.parent / f".{path.name}-{secrets.token_hex(4)}"
+    try:
+        try:
+            with open(partial, "xb") as file:
+                np.savez(file, schema=np.array(_SCHEMA), **arrays)
+            os.replace(partial, path)
+        except BaseException:
+            partial.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise InputError("path", f"'{path}', which cannot be written ({error})", "a file that can be") from error
+    return path
+
+
+def _read(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file that :func:`_write` has written."""
+    instance("path", path, (str, os.PathLike), "a path")
+    expected = f"a file with '{_SCHEMA}'"
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            found = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError("path", f"'{path}', which cannot be read ({error})", expected) from error
+    kind, missing = str(found.get("schema", "nothing that names its content")), [n for n in names if n not in found]
+    if kind != _SCHEMA or missing:
+        got = f"'{path}' with '{kind}'" if kind != _SCHEMA else f"'{path}' without {', '.join(missing)}"
+        raise InputError("path", got, expected)
+    return found
 
 
 def _action_names(problem: ShootingProblem) -> list[str]:

@@ -75,7 +75,6 @@ class Falling(PythonAction):
 @pytest.fixture(scope="module", autouse=True)
 def saved() -> Iterator[None]:
     FILES.mkdir(exist_ok=True)
-    still().save(FILES / "trajectory.npz")
     Fddp(reach()).solve(max_iterations=1).save(FILES / "solution.npz")
     yield
     shutil.rmtree(FILES)
@@ -165,8 +164,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         lambda **k: Fddp(reach()).solve(Trajectory(**k), max_iterations=1),
         dict(xs=np.zeros((4, 12)), us=np.zeros((3, 6))),
     ),
-    "Trajectory.save": (lambda **k: still().save(**k), dict(path=str(FILES / "trajectory.npz"))),
-    "Trajectory.load": (lambda **k: Trajectory.load(**k), dict(path=str(FILES / "trajectory.npz"))),
     "Action.evaluate": (REACH.evaluate, dict(x=np.zeros(12), u=np.zeros(6), p=REACH.parameters.default)),
     "PythonAction.evaluate": (Falling().evaluate, dict(x=np.zeros(2), u=np.zeros(1), p=np.zeros(0))),
     "check_derivatives": (
@@ -187,7 +184,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "BoxFddp": (BoxFddp, dict(problem=bounded(), settings=None, progress=None)),
     "AugmentedLagrangianFddp": (AugmentedLagrangianFddp, dict(problem=bounded(), settings=None, progress=None)),
     "LineSearchSqp": (LineSearchSqp, dict(problem=bounded(), settings=None, qp_solver=None, progress=None)),
-    "NlpSolver": (NlpSolver, dict(problem=bounded(), settings=None, compiled=False, progress=None)),
+    "NlpSolver": (NlpSolver, dict(problem=bounded(), settings=None, progress=None)),
     "RealTimeSqp": (RealTimeSqp, dict(problem=bounded(), qp_solver="piqp", progress=None)),
     "make_solver": (make_solver, dict(problem=bounded(), settings=LineSearchSqpSettings(), progress=None)),
     "check_method": (check_method, dict(problem=bounded(), settings=LineSearchSqpSettings())),

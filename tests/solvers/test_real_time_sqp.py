@@ -62,23 +62,11 @@ def test_iterations_converge_to_the_solution_of_ipopt(
     np.testing.assert_allclose(result.multipliers, reference.multipliers, rtol=0, atol=1e-6)
 
 
-def test_solve_measures_the_nonlinear_conditions(centroidal: Make) -> None:
-    problem = centroidal()
-    problem.set_initial_state(problem.x0 + PUSHES["oblique and turning"])
-    solver = RealTimeSqp(problem)
-    solver.set_guess(standing(problem))
-    result = solver.solve(tolerance=1e-6)
-    assert result.status is Status.CONVERGED
-    assert result.kkt.largest <= 1e-6
-    assert 2 <= result.iterations <= 10
-    xs, us = result.trajectory.xs, result.trajectory.us
-    rollout = problem.rollout(us)
-    np.testing.assert_allclose(xs, rollout.xs, atol=1e-8)
-    assert max(problem.action.evaluate(xs[k], us[k], problem.parameters[k]).violation for k in range(20)) < 1e-6
-    again = solver.solve(tolerance=1e-6)
-    assert again.iterations == 1  # from the solution itself
-    solver.set_guess(standing(problem))
-    assert solver.solve(max_iterations=1, tolerance=1e-6).status is Status.ITERATION_LIMIT
+def converged(solver: RealTimeSqp, iterations: int = 15) -> Solution:
+    for _ in range(iterations):
+        solver.prepare()
+        result = solver.feedback(solver.problem.x0)
+    return result
 
 
 def test_real_time_iteration_follows_the_converged_controller_in_closed_loop(centroidal: Make) -> None:
@@ -114,7 +102,7 @@ def test_shift_moves_trajectory_and_multipliers_ahead(centroidal: Make) -> None:
     problem.set_initial_state(problem.x0 + PUSHES["sideways"])
     solver = RealTimeSqp(problem)
     solver.set_guess(standing(problem))
-    before = solver.solve(tolerance=1e-6)
+    before = converged(solver)
     solver.shift(1.0)
     np.testing.assert_allclose(solver.xs[:-1], before.trajectory.xs[1:], atol=1e-14)
     np.testing.assert_allclose(solver.us[:-1], before.trajectory.us[1:], atol=1e-14)
@@ -128,7 +116,7 @@ def test_failed_subproblem_leaves_the_trajectory(centroidal: Make) -> None:
     problem = centroidal(nodes=6)
     solver = RealTimeSqp(problem)
     solver.set_guess(standing(problem))
-    solver.solve(tolerance=1e-6)
+    converged(solver)
     xs = solver.xs.copy()
     solver.prepare()
     bad = problem.x0.copy()
@@ -138,7 +126,7 @@ def test_failed_subproblem_leaves_the_trajectory(centroidal: Make) -> None:
     assert np.isnan(result.kkt.largest)
     np.testing.assert_array_equal(solver.xs, xs)
     problem.x0[0] = np.inf
-    assert solver.solve().status is Status.NOT_FINITE
+    assert converged(solver, 1).status is Status.NOT_FINITE
 
 
 def test_wrong_shapes_are_named(centroidal: Make) -> None:
@@ -147,8 +135,6 @@ def test_wrong_shapes_are_named(centroidal: Make) -> None:
         solver.set_guess(Trajectory(np.zeros((6, 9)), np.zeros((6, 12))))
     with pytest.raises(InputError, match="us: got shape"):
         solver.set_guess(Trajectory(np.zeros((7, 9)), np.zeros((6, 3))))
-    with pytest.raises(InputError, match="max_iterations: got -1; expected at least 0"):
-        solver.solve(max_iterations=-1)
 
 
 def test_states_on_a_manifold_need_nothing_special(satellite: Make, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,8 +146,8 @@ def test_states_on_a_manifold_need_nothing_special(satellite: Make, monkeypatch:
     solver = RealTimeSqp(problem)
     assert not solver.compiled
     solver.set_guess(guess)
-    result = solver.solve(max_iterations=60, tolerance=1e-6)
-    assert result.status is Status.CONVERGED
+    result = converged(solver, 60)
+    assert result.residual().largest < 1e-6
     assert (np.abs(result.multipliers) > 1e-3).any()
     np.testing.assert_allclose(result.trajectory.xs, reference.trajectory.xs, atol=1e-5)
     np.testing.assert_allclose(result.trajectory.us, reference.trajectory.us, atol=1e-3)

@@ -100,6 +100,8 @@ def test_solutions_are_saved_and_loaded_with_their_problems_data(swing: Shooting
     solution = BoxFddp(swing).solve()
     path = solution.save(tmp_path / "swing.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["swing.npz"]
+    (tmp_path / "own").touch()
+    assert path.stat().st_mode == (tmp_path / "own").stat().st_mode  # readable as other files
     other = swing.copy()
     other.set("goal_weight", 3.0)
     loaded = Solution.load(path, other)
@@ -112,28 +114,19 @@ def test_solutions_are_saved_and_loaded_with_their_problems_data(swing: Shooting
     assert not loaded.xs.flags.writeable
 
 
-def test_trajectories_are_saved_and_loaded(swing: ShootingProblem, tmp_path: Path) -> None:
-    guess = swing.rollout(np.ones((10, 1)))
-    loaded = Trajectory.load(guess.save(tmp_path / "guess.npz"))
-    (tmp_path / "own").touch()
-    assert (tmp_path / "guess.npz").stat().st_mode == (tmp_path / "own").stat().st_mode  # readable as other files
-    assert {path.name for path in tmp_path.iterdir()} == {"guess.npz", "own"}
-    np.testing.assert_array_equal(loaded.xs, guess.xs)
-    np.testing.assert_array_equal(loaded.us, guess.us)
-
-
 def test_files_that_are_no_solution_are_named(swing: ShootingProblem, tmp_path: Path) -> None:
     solution = BoxFddp(swing).solve()
     path = solution.save(tmp_path / "swing.npz")
-    with pytest.raises(InputError, match="with 'lgmpc solution 1'; expected a file with 'lgmpc trajectory 1'"):
-        Trajectory.load(path)
+    np.savez(tmp_path / "other.npz", xs=solution.xs)
+    with pytest.raises(InputError, match="with 'nothing that names its content'; expected a file with 'lgmpc solution"):
+        Solution.load(tmp_path / "other.npz", swing)
     with pytest.raises(InputError, match="one with actions"):
         Solution.load(path, ShootingProblem(swing.action, 9))
     with pytest.raises(InputError, match="cannot be read"):
         Solution.load(tmp_path / "none.npz", swing)
     (tmp_path / "text.npz").write_text("text")
     with pytest.raises(InputError, match="cannot be read"):
-        Trajectory.load(tmp_path / "text.npz")
+        Solution.load(tmp_path / "text.npz", swing)
     with pytest.raises(InputError, match="cannot be written"):
         solution.save(tmp_path / "nowhere" / "swing.npz")
 

@@ -1,24 +1,22 @@
 """Residuals for costs and constraints."""
 
 from lgmpc.costs.library.collision import ShapePairDistance
-from lgmpc.costs.library.dynamics import (
+from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, WrenchCone
+from lgmpc.costs.library.motion import (
     CentroidalMomentum,
     CoMPosition,
     CoMVelocity,
     ContactControlGravity,
     Control,
     ControlGravity,
-    JointAcceleration,
-    JointPosition,
-    StateError,
-)
-from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, WrenchCone
-from lgmpc.costs.library.frames import (
     FramePlacement,
     FrameRotation,
     FrameRotationMatrix,
     FrameTranslation,
     FrameVelocity,
+    JointAcceleration,
+    JointPosition,
+    StateError,
 )
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.costs.library.frames import root_of
+from lgmpc.costs.library.motion import root_of
 from lgmpc.costs.residual import Residual
 from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError

@@ -25,10 +25,6 @@ class Factored:
         """Return the solution (n, m) for right-hand sides (n, m)."""
         raise NotImplementedError
 
-    def solve_transposed(self, right: Any) -> Any:
-        """Return the solution of the transposed system; the same unless a subclass is not symmetric."""
-        return self.solve(right)
-
     @property
     def entries(self) -> Any:
         """Stored entries of all matrices in one column."""

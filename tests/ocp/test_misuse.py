@@ -202,7 +202,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "rt.set_guess": (lambda **k: real_time().set_guess(**k), dict(trajectory=still())),
     "rt.shift": (lambda **k: real_time().shift(**k), dict(fraction=0.5)),
-    "rt.solve": (lambda **k: real_time().solve(**k), dict(max_iterations=1, tolerance=1e-6)),
     "Solution.control": (lambda **k: solution().control(**k), dict(node=0, x=np.zeros(12))),
     "Solution.save": (lambda **k: solution().save(**k), dict(path=str(FILES / "solution.npz"))),
     "Solution.load": (Solution.load, dict(path=str(FILES / "solution.npz"), problem=reach())),

@@ -162,7 +162,7 @@ def report_file(solo12: Robot, pushed_run: Run, tmp_path_factory: pytest.TempPat
     return write_page(page, tmp_path_factory.mktemp("report") / "report.html")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # a second one cannot be started while it runs
 def browser() -> Iterator[Any]:
     with headless_chromium() as chromium:
         yield chromium

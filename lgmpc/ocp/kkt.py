@@ -119,7 +119,7 @@ def _of_stage(s: OcpQpStructure) -> ca.Function:
     """
     v, dx, dx_next, du = (ca.SX.sym("v", n) for n in (s.size, s.ndx, s.ndx, s.nu))
     co, co_next, mu = (ca.SX.sym("co", n) for n in (s.ndx, s.ndx, s.ng))
-    m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in s.blocks.items()}
+    m = s.matrices(v)
     gradient_x = m["Q"] @ dx + m["S"].T @ du + m["q"] + m["A"].T @ co_next + m["C"].T @ mu - co
     gradient_u = m["S"] @ dx + m["R"] @ du + m["r"] + m["B"].T @ co_next + m["D"].T @ mu
     gap = m["A"] @ dx + m["B"] @ du + m["b"] - dx_next
@@ -142,7 +142,7 @@ def _of_stage(s: OcpQpStructure) -> ca.Function:
 def _of_last(s: OcpQpStructure) -> ca.Function:
     """Return the same measures of the last node, which has a state only."""
     v, dx, co = (ca.SX.sym("v", n) for n in (s.terminal_size, s.ndx, s.ndx))
-    m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in s.terminal_blocks.items()}
+    m = s.matrices(v, last=True)
     gradient = m["Q"] @ dx + m["q"] - co
     return ca.Function(
         f"kkt_last_{s.ndx}",

@@ -71,6 +71,11 @@ class OcpQpStructure:
     size: int
     terminal_size: int
 
+    def matrices(self, values: ca.SX, last: bool = False) -> dict[str, ca.SX]:
+        """Return the matrices of a stage, or of the last node, whose stored entries are the values."""
+        blocks = self.terminal_blocks if last else self.blocks
+        return {name: ca.SX(block.sparsity(), values[block.where]) for name, block in blocks.items()}
+
 
 class OcpQp:
     """One linear-quadratic problem (see the module) on buffers written by the caller and read by solvers.

@@ -13,7 +13,6 @@ from lgmpc.solvers.qp import (
     QP_SOLVERS,
     ActiveSetSolver,
     PiqpSolver,
-    SparseRiccati,
     make_qp_solver,
 )
 from lgmpc.status import Status
@@ -167,47 +166,6 @@ def test_nan_is_refused_and_has_no_later_effect(name: str, block: str, cart: Sho
     solver.prepare()
     assert solver.solve(np.zeros(2)) is Status.CONVERGED
     assert solver.solution.residual().largest < ACCURACY[name]
-
-
-def test_riccati_solver_is_the_solution_of_its_linear_equations(cart: ShootingProblem) -> None:
-    qp = expand(cart)
-    rng = np.random.default_rng(0)
-    lqr = SparseRiccati(qp)
-    dx0 = rng.standard_normal(2)
-    weights, targets = rng.uniform(0.0, 5.0, (8, 3)), rng.standard_normal((8, 3))
-    lqr.dx0[...], lqr.weights[...], lqr.targets[...] = dx0, weights, targets
-    assert lqr.factor()
-    dxs, dus, rows = lqr.dxs, lqr.dus, lqr.rows
-    # The same problem with the penalties as costs and no bounds, by the dense solver.
-    penalised = OcpQp(qp.structure, qp.values.copy(), qp.terminal_values.copy())
-    expected = np.zeros(1)
-    m = {name: qp.dense(name) for name in "ABbQSRqrCD"}
-    blocks = qp.structure.blocks
-    for k in range(8):
-        c, d, w = m["C"][k], m["D"][k], np.diag(weights[k])
-        for name, value in {
-            "Q": m["Q"][k] + c.T @ w @ c,
-            "S": m["S"][k] + d.T @ w @ c,
-            "R": m["R"][k] + d.T @ w @ d,
-            "q": m["q"][k] - (c.T @ w @ targets[k])[:, None],
-            "r": m["r"][k] - (d.T @ w @ targets[k])[:, None],
-        }.items():
-            penalised.values[k, blocks[name].where] = value[blocks[name].rows, blocks[name].columns]
-            stored = np.zeros(value.shape)
-            stored[blocks[name].rows, blocks[name].columns] = value[blocks[name].rows, blocks[name].columns]
-            np.testing.assert_allclose(stored, value, atol=1e-14)  # the pattern holds the penalties too
-        x, u = dxs[k], dus[k]
-        np.testing.assert_allclose(rows[k], c @ x + d @ u, atol=1e-12)
-        expected += 0.5 * x @ m["Q"][k] @ x + 0.5 * u @ m["R"][k] @ u + u @ m["S"][k] @ x
-        expected += m["q"][k][:, 0] @ x + m["r"][k][:, 0] @ u
-    last = dxs[8]
-    expected += 0.5 * last @ qp.dense_terminal("Q") @ last + qp.dense_terminal("q")[:, 0] @ last
-    assert lqr.cost == pytest.approx(expected[0], rel=1e-12)
-    penalised.values[:, blocks["lower"].where] = -np.inf
-    penalised.values[:, blocks["upper"].where] = np.inf
-    xs, us = dense_solution(penalised, dx0)
-    np.testing.assert_allclose(dxs, xs, atol=1e-8)
-    np.testing.assert_allclose(dus, us, atol=1e-8)
 
 
 HARD = np.array([0.1, 0.1, 0.05, 4.0, 5.0, -1.0, 0.3, 0.2, 0.1])

@@ -75,7 +75,7 @@ def _compile(
     """Return the cost-to-go of the last node, the sweep, the roll-out, the whole cost."""
     name = f"lqr_{s.ndx}_{s.nu}_{s.ng}"
     v, dx, cost = ca.SX.sym("v", s.terminal_size), ca.SX.sym("dx", s.ndx), ca.SX.sym("cost")
-    m = {key: ca.SX(block.sparsity(), v[block.where]) for key, block in s.terminal_blocks.items()}
+    m = s.matrices(v, last=True)
     triangle = ca.project(m["Q"], ca.Sparsity.lower(s.ndx)).nz[:]
     last = ca.Function(f"{name}_last", [v], [ca.densify(ca.vertcat(triangle, m["q"]))], ["terminal_values"], ["togo"])
     whole = cost + ca.dot(dx, m["Q"] @ dx) / 2 + ca.dot(m["q"], dx)
@@ -89,7 +89,7 @@ def _backward(s: OcpQpStructure, name: str) -> ca.Function:
     """Return ``(next cost-to-go, values, weights, targets) -> (cost-to-go, factor)``, both packed in columns."""
     togo, v = ca.SX.sym("togo", _togo_size(s.ndx)), ca.SX.sym("v", s.size)
     weights, targets = ca.SX.sym("weights", s.ng), ca.SX.sym("targets", s.ng)
-    m = _unpack(s, v)
+    m = s.matrices(v)
     big_p, p = _symmetric(togo, s.ndx)
     wc, wd = ca.diag(weights) @ m["C"], ca.diag(weights) @ m["D"]
     q = m["q"] - wc.T @ targets
@@ -120,7 +120,7 @@ def _forward(s: OcpQpStructure, name: str) -> ca.Function:
         factor, [0, triangle, triangle + nu, triangle + nu + nu * ndx, triangle + nu + nu * ndx + nu]
     )
     lower = ca.SX(ca.Sparsity.lower(nu), lower_packed)
-    m = _unpack(s, v)
+    m = s.matrices(v)
     du = -_solve_lower_transposed(lower, inverse, ca.reshape(y_flat, nu, ndx) @ dx + y)
     dx_next = m["A"] @ dx + m["B"] @ du + m["b"]
     big_p, p = _symmetric(togo, ndx)
@@ -134,10 +134,6 @@ def _forward(s: OcpQpStructure, name: str) -> ca.Function:
         ["dx", "values", "factor", "togo_next", "cost"],
         ["dx_next", "du", "costate", "rows", "cost_next"],
     )
-
-
-def _unpack(s: OcpQpStructure, v: ca.SX) -> dict[str, ca.SX]:
-    return {key: ca.SX(block.sparsity(), v[block.where]) for key, block in s.blocks.items()}
 
 
 def _togo_size(ndx: int) -> int:

@@ -68,7 +68,7 @@ ARROWS: dict[str, str] = {
     "config.deploying": f"{_PARTS} world simulation control hardware runs",
     "config.continuing": "runs",
     "config.extensions": "costs mpc robot wbc",
-    "config.execution": "ocp problems robot runs solvers viz",
+    "config.execution": "ocp problems robot world runs solvers viz",
     "config.showing": "robot world problems solvers runs viz",
     "config.session": "runs solvers",
     "sweeps": "config runs viz",

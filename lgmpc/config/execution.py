@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from signal import Signals
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from lgmpc.config.build import prepare
 from lgmpc.config.loading import dump_config
@@ -30,6 +30,7 @@ from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
 from lgmpc.runs.result import Origin, SettingsChange
 from lgmpc.settings.dotted import differing
+from lgmpc.world import Course, Heights
 
 if TYPE_CHECKING:
     from lgmpc.config.session import Iteration, Progress
@@ -46,6 +47,8 @@ __all__ = [
     "run_session",
     "solve_config",
 ]
+
+D = TypeVar("D", Config, SolveConfig)
 
 
 @contextmanager
@@ -65,7 +68,7 @@ def _new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals
     try:
         with stop.held():
             folder = RunFolder.create(out, config.name)
-        folder.write_config(dump_config(config))
+        folder.write_config(dump_config(_with_own_files(config, folder.path)))
         yield folder
     except BaseException:
         if folder is not None:
@@ -74,6 +77,19 @@ def _new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals
             with suppress(OSError):  # another run has been saved in it
                 each.rmdir()
         raise
+
+
+def _with_own_files(config: D, folder: Path) -> D:
+    """Copy the files of the world into a run folder, and return a config that reads them there."""
+    copies: dict[str, Any] = {}
+    section = getattr(config, "world", None)
+    parts = section.parts if isinstance(section, Course) else (section,)
+    for i, part in enumerate(parts):
+        if isinstance(part, Heights) and part.file is not None and Path(part.file).is_file():
+            copy = f"world_{i}{Path(part.file).suffix}"
+            shutil.copyfile(part.file, folder / copy)
+            copies["world.file" if part is section else f"world.parts.{i}.file"] = copy
+    return config.replace(copies) if copies else config
 
 
 @dataclass(frozen=True)

@@ -231,7 +231,7 @@ def validated(root: type[S], data: dict[str, Any], source: ConfigSource) -> S:
 
 
 def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSource) -> None:
-    """Resolve the paths of section ``robot`` from the folder of the config file or, for ``--set``, the shell's."""
+    """Resolve the paths of robot and world from the folder of the config file or, for ``--set``, the shell's."""
 
     def absolute(key: str, value: Any) -> Any:
         if not isinstance(value, str) or not value:
@@ -242,6 +242,11 @@ def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSourc
         except (RuntimeError, ValueError) as error:  # the home folder of an unknown user, a null character
             raise ConfigError(source.where(key), key, show_value(value), f"a path ({error})") from error
 
+    world = data.get("world")
+    parts = world.get("parts", ()) if isinstance(world, dict) else world
+    for key, part in (("world", world), *((f"world.parts.{i}", each) for i, each in enumerate(_listed(parts)))):
+        if isinstance(part, dict) and "file" in part:
+            part["file"] = absolute(f"{key}.file", part["file"])
     robot = data.get("robot")
     if not isinstance(robot, dict):
         return
@@ -251,3 +256,7 @@ def _make_paths_absolute(data: dict[str, Any], folder: Path, source: ConfigSourc
     folders = robot.get("package_dirs")
     if isinstance(folders, list):
         robot["package_dirs"] = [absolute(f"robot.package_dirs.{i}", each) for i, each in enumerate(folders)]
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []

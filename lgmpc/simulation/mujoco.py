@@ -21,7 +21,7 @@ from lgmpc.robot import Box, CollisionShape, Sphere
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
-from lgmpc.world import Plane, World
+from lgmpc.world import HeightField, Plane, World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -301,6 +301,8 @@ def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
             spec.worldbody.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_PLANE, size=(0, 0, 1), pos=surface.point, quat=turn, **common
             )
+        elif isinstance(surface, HeightField):
+            _add_heights(spec, surface, common)
         else:
             spec.worldbody.add_geom(
                 type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -309,6 +311,20 @@ def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
                 quat=_wxyz(surface.rotation),
                 **common,
             )
+
+
+def _add_heights(spec: mujoco.MjSpec, field: HeightField, common: Mapping[str, Any]) -> None:
+    """Add a height field: in MuJoCo its heights are from 0 to 1, and its middle is the geom's origin."""
+    name, lowest = f"heights {len(spec.hfields)}", float(field.heights.min())
+    low, high = field.corners
+    rise = max(float(field.heights.max()) - lowest, 1e-6)
+    rows, columns = field.heights.shape
+    size = (*(0.5 * (high - low)), rise, 0.1)
+    # The first value is the lowest corner of MuJoCo's grid, as here; flat fields have no scale of their own.
+    data = (field.heights - lowest).ravel() / rise
+    spec.add_hfield(name=name, nrow=rows, ncol=columns, size=size, userdata=data)
+    pos = (*(0.5 * (low + high)), lowest)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname=name, pos=pos, **common)
 
 
 def _add_shapes(spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin.Model) -> None:

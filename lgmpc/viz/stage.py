@@ -12,7 +12,7 @@ from lgmpc.typing import Array
 from lgmpc.viz.marks import turns_to
 from lgmpc.viz.mesh import disc, shade
 from lgmpc.viz.scene import Material, Scene
-from lgmpc.world import Box, Plane, World
+from lgmpc.world import Box, HeightField, Plane, World
 
 __all__ = ["FLOOR_COLOR", "add_stage", "frame_camera"]
 
@@ -92,7 +92,7 @@ def add_stage(
 
 
 def _add_solids(scene: Scene, ground: World, cell: float) -> None:
-    """Add the boxes of the ground with their edges, one object for each colour; slippery ones are bluish."""
+    """Add boxes with their edges, one object for each colour (slippery ones are bluish), and height fields."""
     boxes = [each for each in ground.surfaces if isinstance(each, Box)]
     usual = max((each.coefficient for each in ground.surfaces), default=0.0)
     for name, color, chosen in (
@@ -108,6 +108,15 @@ def _add_solids(scene: Scene, ground: World, cell: float) -> None:
         scene.add_mesh(f"/ground/{name}", mesh, Material(color, shininess=0.0))
         edges = corners[(first + _EDGES).reshape(-1, 2)].reshape(-1, 3) + [0.0, 0.0, 0.002 * cell]
         scene.add_segments(f"/ground/{name} edges", edges, EDGE_COLOR)
+
+    for i, field in enumerate(each for each in ground.surfaces if isinstance(each, HeightField)):
+        rows, columns = field.heights.shape
+        (x0, y0), (x1, y1) = field.corners
+        x, y = np.meshgrid(np.linspace(x0, x1, columns), np.linspace(y0, y1, rows))
+        first = (columns * np.arange(rows - 1)[:, None] + np.arange(columns - 1)).ravel()
+        corners = np.column_stack([first, first + 1, first + columns + 1, first, first + columns + 1, first + columns])
+        mesh = shade(np.stack([x, y, field.heights], axis=-1).reshape(-1, 3), corners.reshape(-1, 3))
+        scene.add_mesh(f"/ground/heights {i}", mesh, Material(BOX_COLOR, shininess=0.0, double_sided=True))
 
 
 _SIDES = np.array(

@@ -5,7 +5,8 @@ Only plants, initial states, judging, replay and problems read a :class:`World`;
 """
 
 from lgmpc.world.boxes import Box
-from lgmpc.world.kinds import Blocks, Gaps, Patches, Ramp, Stairs, Stones
+from lgmpc.world.heights import HeightField
+from lgmpc.world.kinds import Blocks, Gaps, Heights, Hills, Patches, Ramp, Stairs, Stones
 from lgmpc.world.settings import Course, FloorSettings, SlopeSettings, WorldSettings, make_world
 from lgmpc.world.surfaces import Plane, Surface, SurfaceContacts
 from lgmpc.world.terrain import Terrain
@@ -17,6 +18,9 @@ __all__ = [
     "Course",
     "FloorSettings",
     "Gaps",
+    "HeightField",
+    "Heights",
+    "Hills",
     "Patches",
     "Plane",
     "Ramp",

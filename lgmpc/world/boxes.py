@@ -88,7 +88,10 @@ class Boxes:
         self._within = np.linalg.inv(self._axes[:, :2, :2]) / self._half[:, :2, None]
         corners = np.array([each.corners[:, :2] for each in boxes])
         self._low, self._high = corners.min(axis=1), corners.max(axis=1)
+        tops = np.append(np.array([each.corners[:, 2].max() for each in boxes]), -np.inf)  # of no box, -1
         self._near_top, self._near = _Grid(self._low, self._high, 0.0), _Grid(self._low, self._high, REACH)
+
+        self._ceiling = tops[self._near.table].max(axis=1)
 
     def height(self, points: Array) -> Array:
         """Return (n,) heights below points (n, 2), m."""
@@ -130,11 +133,13 @@ class Boxes:
 
     def contacts(self, points: Array, limit: Array) -> SurfaceContacts:
         """Return the contacts of points (n, 3) nearer than (n,) limits, of at most 15 cm, with single boxes."""
-        boxes = self._near(points[:, :2])
-        distances, normals = self._distances(points[:, None], boxes)
-        point, column = np.nonzero(distances < limit[:, None])
+        cells = self._near.cells(points[:, :2])
+        low = np.flatnonzero(points[:, 2] - self._ceiling[cells] < limit)
+        boxes = self._near.table[cells[low]]
+        distances, normals = self._distances(points[low, None], boxes)
+        point, column = np.nonzero(distances < limit[low, None])
         friction = self._coefficient[boxes[point, column]]
-        return SurfaceContacts(point, distances[point, column], normals[point, column], friction)
+        return SurfaceContacts(low[point], distances[point, column], normals[point, column], friction)
 
     def _highest_box(self, points: Array) -> tuple[Array, IntArray]:
         """Return (n,) heights and the box of each."""
@@ -168,6 +173,9 @@ class _Grid:
         low: (b, 2) lower corners of the outlines, m.
         high: (b, 2) upper corners, m.
         reach: m.
+
+    Attributes:
+        table: (cells, k) numbers of the boxes near each cell; -1 fills the rows.
     """
 
     def __init__(self, low: Array, high: Array, reach: float) -> None:
@@ -185,13 +193,18 @@ class _Grid:
                 for y in range(begin[1], min(stop[1], count[1] - 1) + 1):
                     lists[row + y].append(box)
         self._count, self._most = count, count + 1
-        self._table = np.full((len(lists), max(len(each) for each in lists)), -1)
-        for each, boxes in zip(self._table, lists, strict=True):
+        self.table = np.full((len(lists), max(len(each) for each in lists)), -1)
+        for each, boxes in zip(self.table, lists, strict=True):
             each[: len(boxes)] = boxes
 
     def __call__(self, points: Array) -> IntArray:
         """Return (n, k) the boxes near points (n, 2); -1 fills the rows."""
+        found: IntArray = self.table[self.cells(points)]
+        return found
+
+    def cells(self, points: Array) -> IntArray:
+        """Return (n,) the rows of the table for points (n, 2)."""
         place = np.floor((points - self._origin) / self._cell).astype(int) + 1
         place = np.minimum(np.maximum(place, 0), self._most)
-        found: IntArray = self._table[place[:, 0] * (self._count[1] + 2) + place[:, 1]]
-        return found
+        cells: IntArray = place[:, 0] * (self._count[1] + 2) + place[:, 1]
+        return cells

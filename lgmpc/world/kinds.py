@@ -11,10 +11,15 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
+from scipy.ndimage import gaussian_filter
 from typing_extensions import Self
 
-from lgmpc.settings import Count, Finite, Fraction, Friction, Positive, Settings, Vector2, problem
+from lgmpc.errors import InputError
+from lgmpc.settings import Count, Finite, Fraction, Friction, Positive, Settings, Vector2, Words, problem
+from lgmpc.typing import Array
+from lgmpc.world.heights import HeightField, read_heights
 from lgmpc.world.layout import Layout, incline
 from lgmpc.world.world import RIGID_S
 
@@ -24,6 +29,8 @@ __all__ = [
     "Blocks",
     "Gaps",
     "Ground",
+    "Heights",
+    "Hills",
     "Laid",
     "Part",
     "Patches",
@@ -44,6 +51,8 @@ Angle = Annotated[Finite, Field(ge=-45.0, le=45.0)]
 
 MOST_BOXES = 5000
 """Of a world."""
+MOST_POINTS = 1_000_000
+"""Of random hills."""
 _BELOW_PATCHES_M = 0.05
 """Depth of the ground around patches: two surfaces at one height would both carry a foot."""
 
@@ -249,3 +258,72 @@ class Patches(Tiled):
         for x, y in self._tiles(layout):
             slippery = layout.rng.uniform() < self.share
             self._tile(layout, x, y, layout.level, self.patch_friction if slippery else friction)
+
+
+class Hills(Part):
+    """Smooth random hills, level at both ends."""
+
+    kind: Literal["hills"] = Field(default="hills", description="Smooth random hills, level at both ends.")
+    max_height_m: Annotated[Positive, Field(le=5.0)] = Field(default=0.1, description="Of the highest hill, m.")
+    wavelength_m: Size = Field(default=0.6, description="Distance of hills, m.")
+    cell_m: Size = Field(default=0.03, description="Distance of the points of the height field, m.")
+    length_m: Size = Field(default=3.0, description="Length of the whole, m.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add the hills."""
+        columns, rows = (max(2, round(each / self.cell_m) + 1) for each in (self.length_m, layout.width))
+        noise = gaussian_filter(layout.rng.normal(size=(rows, columns)), self.wavelength_m / (4.0 * self.cell_m))
+        noise = (noise - noise.min()) / np.ptp(noise)
+        along = np.linspace(0.0, self.length_m, columns)
+        ends = np.clip(2.0 * np.minimum(along, self.length_m - along) / self.wavelength_m, 0.0, 1.0)
+        _add_field(layout, self.max_height_m * noise * ends, self.cell_m, friction)
+
+    @model_validator(mode="after")
+    def _limit_points(self) -> Self:
+        if self.length_m * self.width_m / self.cell_m**2 > MOST_POINTS:
+            raise problem(f"larger cells: at most {MOST_POINTS} in length_m and width_m", "cell_m", self.cell_m)
+        return self
+
+
+class Heights(Part):
+    """A height field of one's own."""
+
+    kind: Literal["heights"] = Field(default="heights", description="A height field of one's own.")
+    heights_m: tuple[tuple[Finite, ...], ...] | None = Field(
+        default=None, description="Rows of heights above the ground before, the first row on the right, m."
+    )
+    file: str | None = Field(
+        default=None,
+        description="Or a file: a picture (.png), its upper edge on the left, or an array (.npy). Runs store it.",
+    )
+    white_m: Positive | None = Field(default=None, description="Height of white in a picture, m; black is 0.")
+    cell_m: Size = Field(description="Distance of the heights along x and y, m.")
+
+    def lay(self, layout: Layout, friction: float) -> None:
+        """Add the field."""
+        if self.file is not None:
+            heights = read_heights(self.file, f"{layout.section}.file", self.white_m)
+        else:
+            heights = np.array(self.heights_m, dtype=np.float64)
+        try:
+            _add_field(layout, heights, self.cell_m, friction)
+        except InputError as error:
+            key = "heights_m" if self.file is None else "file"
+            raise InputError(f"{layout.section}.{key}", error.got, error.expected) from error
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.heights_m is None) == (self.file is None):
+            raise problem("either heights_m or file", "file", self.file)
+        lengths = sorted({len(row) for row in self.heights_m or ()})
+        if len(lengths) > 1:
+            raise problem("rows of one length", "heights_m", Words(f"rows of {lengths[0]} and of {lengths[-1]}"))
+        return self
+
+
+def _add_field(layout: Layout, heights: Array, cell: float, friction: float) -> None:
+    """Add a height field, its middle row on the x axis, and the ground around it."""
+    field = HeightField(layout.level + heights, cell, (layout.x, -0.5 * cell * (np.shape(heights)[0] - 1)), friction)
+    layout.dig(float(field.heights.min()) - _BELOW_PATCHES_M)
+    layout.add(field)
+    layout.advance(cell * (field.heights.shape[1] - 1))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lgmpc.world.boxes import Box
+from lgmpc.world.heights import HeightField
 from lgmpc.world.surfaces import Plane
 
 __all__ = ["Layout"]
@@ -40,7 +41,7 @@ class Layout:
     largest_step: tuple[float, str] = (0.0, "")
     section: str = "world"
     _slabs: list[tuple[tuple[float, ...], float]] = field(default_factory=list)
-    _others: list[Box] = field(default_factory=list)
+    _others: list[Box | HeightField] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._first = (self.x, self.level)
@@ -62,9 +63,9 @@ class Layout:
         self._slabs.append((outline, self.friction if friction is None else friction))
         self._lowest = min(self._lowest, top)
 
-    def add(self, box: Box) -> None:
-        """Add any box, such as an inclined one."""
-        self._others.append(box)
+    def add(self, surface: Box | HeightField) -> None:
+        """Add any surface, such as an inclined box."""
+        self._others.append(surface)
 
     def dig(self, bottom: float) -> None:
         """Lower the ground around all parts to height ``bottom``, m, or leave it below."""
@@ -79,7 +80,7 @@ class Layout:
         self.x += length
         self.level += rise
 
-    def surfaces(self) -> tuple[Plane | Box, ...]:
+    def surfaces(self) -> tuple[Plane | Box | HeightField, ...]:
         """Return a plane at the lowest level, and what stands on it."""
         for begin, end, level in (
             (self._first[0] - _AROUND_M, *self._first),

@@ -22,6 +22,8 @@ from lgmpc.world.kinds import (
     Blocks,
     Gaps,
     Ground,
+    Heights,
+    Hills,
     Laid,
     Part,
     Patches,
@@ -58,7 +60,7 @@ class SlopeSettings(Ground):
 
 
 AnyPart = Annotated[
-    Union[Ramp, Stairs, Blocks, Stones, Gaps, Patches],  # noqa: UP007
+    Union[Ramp, Stairs, Blocks, Stones, Gaps, Patches, Hills, Heights],  # noqa: UP007
     Field(discriminator="kind"),
     BeforeValidator(lambda value: _by_name(value)),
 ]
@@ -100,6 +102,7 @@ _NAMES: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
     "stairs_over": ("stairs", "rise_m", {"back": True}),
     "blocks": ("blocks", "max_height_m", {}),
     "stones": ("stones", "size_m", {}),
+    "hills": ("hills", "max_height_m", {}),
     "gaps": ("gaps", "gap_m", {}),
     "hole": ("gaps", "depth_m", {"count": 1, "gap_m": 0.5}),
 }
@@ -141,7 +144,9 @@ def _without_kind(section: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in section.items() if key != "kind"}
 
 
-AnyWorld = Union[FloorSettings, SlopeSettings, Ramp, Stairs, Blocks, Stones, Gaps, Patches, Course]  # noqa: UP007
+AnyWorld = Union[  # noqa: UP007
+    FloorSettings, SlopeSettings, Ramp, Stairs, Blocks, Stones, Gaps, Patches, Hills, Heights, Course
+]
 WorldSettings = Annotated[AnyWorld, Field(discriminator="kind"), BeforeValidator(_by_name)]
 """Section ``world``, told apart by ``kind``; the kind's name alone stands for its defaults."""
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lgmpc.errors import InputError
 from lgmpc.typing import Array, BoolArray, IntArray
 from lgmpc.world.boxes import REACH, Box, Boxes
+from lgmpc.world.heights import HeightField
 from lgmpc.world.surfaces import Plane, Surface, SurfaceContacts
 
 __all__ = ["RIGID_S", "World"]
@@ -49,7 +50,7 @@ class World:
         InputError: there is no surface.
     """
 
-    surfaces: tuple[Plane | Box, ...] = (Plane(),)
+    surfaces: tuple[Plane | Box | HeightField, ...] = (Plane(),)
     start: tuple[float, float] = (0.0, 0.0)
     start_yaw: float = 0.0
     contact_time_s: float = RIGID_S
@@ -135,12 +136,13 @@ class World:
         if self.planar:
             return self.layers[0].contacts(points, radii + margin)
         # A point that has sunk in is below the edges of seams: their sides are told from walls a little above it.
-        lift = np.zeros_like(points)
-        sharp = np.flatnonzero(radii < _SHARP)
+        lift, limit = np.zeros_like(points), radii + margin + np.where(radii < _SHARP, _SHARP, 0.0)
+        found = [layer.contacts(points, limit) for layer in self.layers]
+        near = np.unique(np.concatenate([each.sphere for each in found]))
+        sharp = near[radii[near] < _SHARP]
         if sharp.size:
             lift[sharp] = _SHARP * self.distance(points[sharp])[1]
-        limit = radii + margin + np.where(radii < _SHARP, _SHARP, 0.0)
-        found = [layer.contacts(points + lift, limit) for layer in self.layers]
+            found = [layer.contacts(points + lift, limit) for layer in self.layers]
         sphere = np.concatenate([each.sphere for each in found])
         order = np.argsort(sphere, kind="stable")
         columns = (np.concatenate(column)[order] for column in zip(*found, strict=True))

@@ -16,7 +16,7 @@ from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.pinocchio import PinocchioPlant
-from lgmpc.world import Box, FloorSettings, Plane, SlopeSettings, World, WorldSettings, make_world
+from lgmpc.world import Box, FloorSettings, HeightField, Plane, SlopeSettings, World, WorldSettings, make_world
 
 GRAVITY = 9.81
 MU = 0.5
@@ -197,6 +197,75 @@ def test_a_start_elsewhere_on_flat_ground_is_accepted(solo12: Robot) -> None:
 def test_pinocchios_ground_is_rigid(block) -> None:
     with pytest.raises(InputError, match=r"world.contact_time_s: got 0.05; expected 0.005, rigid .* plant.kind: pinoc"):
         PinocchioPlant(block, world=named({"kind": "floor", "contact_time_s": 0.05}))
+
+
+INCLINE = math.radians(30.0)
+RISING = 0.1 * math.tan(INCLINE) * np.arange(-20, 21)
+SAME_PLANE = {
+    "box": Box((0.05 * math.sin(INCLINE), 0.0, -0.05 * math.cos(INCLINE)), (2, 2, 0.05), (0.0, -INCLINE, 0.0), MU),
+    "height field": HeightField(np.tile(RISING, (21, 1)), 0.1, (-2.0, -1.0), MU),
+}
+
+
+@pytest.mark.parametrize("surface", SAME_PLANE)
+def test_a_block_slides_down_every_surface_as_down_a_plane(plant_type, block, surface) -> None:
+    """g (sin a - mu cos a), on an inclined plane of 30 degrees that is one of each kind."""
+    if plant_type is MujocoPlant and surface == "height field" and block.contact_radius == 0.0:
+        pytest.skip("points catch on the edges of MuJoCo's triangles: feet on height fields need a radius")
+    ends = []
+    for world in (slope(30.0), World((Plane((0.0, 0.0, -9.0)), SAME_PLANE[surface]))):
+        plant = plant_type(block, PlantSettings(friction=MU), world)
+        plant.reset(on(world, block))
+        for _ in range(300):
+            plant.step(np.zeros(0))
+        ends.append(plant.sense().q[:3])
+    moved = math.hypot(*(ends[0][[0, 2]] - [0.0, 0.035 * math.cos(INCLINE)]))
+    assert moved > 0.02
+    # MuJoCo's soft contacts chatter under a sliding block: some percent in the friction.
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-6 if plant_type is PinocchioPlant else 0.1 * moved)
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        pytest.param("blocks_30mm", id="blocks"),
+        pytest.param("hills_80mm", id="hills"),
+        pytest.param({"kind": "ramp", "angle_deg": 12.0}, id="ramp"),
+    ],
+)
+def test_a_robot_dropped_on_rough_ground_comes_to_rest_alike(solo12, hold, world) -> None:
+    """From 1 cm above, under impedance: the base to 4 mm, forces to the weight, feet on the ground and not in it."""
+    ground, samples = named(world), []
+    x = np.concatenate([solo12.q_reference, np.zeros(solo12.nv)])
+    x[0], x[1] = 1.7, 0.04
+    data = solo12.create_data()
+    for plant_type in (MujocoPlant, PinocchioPlant):
+        pin.framesForwardKinematics(solo12.model, data, x[: solo12.nq])
+        centres = np.array([data.oMf[i].translation for i in solo12.contact_ids])
+        x[2] -= (ground.distance(centres)[0] - solo12.contact_radius).min() - 0.01
+        plant = plant_type(solo12, PlantSettings(friction=0.8), ground)
+        plant.reset(x)
+        hold(plant, solo12, 1200)
+        samples.append(plant.sense())
+        pin.framesForwardKinematics(solo12.model, data, samples[-1].q)
+        gaps = ground.distance(np.array([data.oMf[i].translation for i in solo12.contact_ids]))[0]
+        loaded = np.linalg.norm(samples[-1].contact_forces, axis=1) > 0.5
+        assert loaded.sum() >= 3
+        np.testing.assert_allclose(gaps[loaded], solo12.contact_radius, rtol=0, atol=1e-3)
+    for sample in samples:
+        np.testing.assert_allclose(sample.contact_forces.sum(axis=0), [0, 0, solo12.mass * GRAVITY], rtol=0, atol=0.5)
+    np.testing.assert_allclose(samples[0].q[:3], samples[1].q[:3], rtol=0, atol=4e-3)
+
+
+def test_soft_ground_gives_way(block) -> None:
+    """MuJoCo: the block sinks deeper the larger the time constant is."""
+    depths = []
+    for constant in (0.005, 0.05, 0.1):
+        plant = MujocoPlant(block, PlantSettings(), named({"kind": "floor", "contact_time_s": constant}))
+        for _ in range(1500):
+            plant.step(np.zeros(0))
+        depths.append(block.q_reference[2] - plant.sense().q[2])
+    assert depths[0] < 1e-4 < depths[1] < depths[2]
 
 
 def test_a_plant_resumed_on_a_slope_continues(plant_type, solo12, hold) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from signal import Signals
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from lgmpc.config.build import prepare
 from lgmpc.config.loading import dump_config
@@ -48,8 +48,6 @@ __all__ = [
     "solve_config",
 ]
 
-D = TypeVar("D", Config, SolveConfig)
-
 
 @contextmanager
 def _new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals) -> Iterator[RunFolder]:
@@ -79,7 +77,7 @@ def _new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals
         raise
 
 
-def _with_own_files(config: D, folder: Path) -> D:
+def _with_own_files(config: Config | SolveConfig, folder: Path) -> Config | SolveConfig:
     """Copy the files of the world into a run folder, and return a config that reads them there."""
     copies: dict[str, Any] = {}
     section = getattr(config, "world", None)

@@ -143,7 +143,7 @@ class HeightField:
         slopes = [np.abs(np.diff(self.heights, axis=axis)).max() / self.cell for axis in (0, 1)]
         return 1.0 + float(np.hypot(*slopes))
 
-    def _points(self, row: Array, column: Array) -> Array:
+    def _points(self, row: IntArray, column: IntArray) -> Array:
         x, y = self.origin[0] + self.cell * column, self.origin[1] + self.cell * row
         return np.stack([x, y, self.heights[row, column]], axis=-1)
 
@@ -151,14 +151,14 @@ class HeightField:
         """Return (n,) heights, (n, 2) slopes and whether points (n, 2) are on the field."""
         rows, columns = self.heights.shape
         place = (points - self.origin) / self.cell
-        inside = ((place >= -1e-9) & (place <= [columns - 1 + 1e-9, rows - 1 + 1e-9])).all(axis=1)
+        inside: BoolArray = np.all((place >= -1e-9) & (place <= [columns - 1 + 1e-9, rows - 1 + 1e-9]), axis=1)
         place = np.clip(place, 0.0, [columns - 1, rows - 1])
         corner = np.minimum(np.floor(place).astype(int), [columns - 2, rows - 2])
         (u, v), (j, i) = (place - corner).T, corner.T
         first, ahead, left, far = (self.heights[i + dy, j + dx] for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)))
         lower = v <= u  # the diagonal is that from the first corner
         along_x, along_y = np.where(lower, ahead - first, far - left), np.where(lower, far - ahead, left - first)
-        heights = np.where(inside, first + u * along_x + v * along_y, -np.inf)
+        heights: Array = np.where(inside, first + u * along_x + v * along_y, -np.inf)
         return heights, np.column_stack([along_x, along_y]) / self.cell, inside
 
 
@@ -169,7 +169,7 @@ def _nearest_on_triangle(points: Array, a: Array, b: Array, c: Array) -> Array:
     d20, d21 = np.sum(offset * first, axis=-1), np.sum(offset * second, axis=-1)
     area = d00 * d11 - d01 * d01
     v, w = (d11 * d20 - d01 * d21) / area, (d00 * d21 - d01 * d20) / area
-    best = a + v[..., None] * first + w[..., None] * second
+    best: Array = a + v[..., None] * first + w[..., None] * second
     outside = (v < 0.0) | (w < 0.0) | (v + w > 1.0)
     shortest = np.where(outside, np.inf, 0.0)
     for start, end in ((a, b), (b, c), (c, a)):
@@ -209,4 +209,5 @@ def read_heights(file: str, key: str, white_m: float | None) -> Array:
         raise InputError(key, file, f"a picture (.png) or an array of numbers (.npy) ({error})") from error
     if white_m is None:
         raise InputError(key.replace(".file", ".white_m"), None, f"the height of white in {Path(file).name}, m")
-    return grey[::-1] / largest * white_m
+    heights: Array = grey[::-1] / largest * white_m
+    return heights

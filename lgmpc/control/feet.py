@@ -26,6 +26,9 @@ __all__ = ["Feet"]
 
 _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second one corrects
 
+_SOLE_SCALE = 1.0 / 3.0
+"""Scale of swings of soles, in heights of the centre of mass: legs of humanoids are heavy, and soles clear little."""
+
 _SETTLED_S = 0.018
 """s after its touchdown from which a foot's sliding is evidence about the floor."""
 
@@ -82,7 +85,8 @@ class Feet:
         self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
-        self._swings = [SwingTrajectory(settings.swing, self.legs.height) for _ in range(robot.nf)]
+        scale = self.legs.height if self.points.single else _SOLE_SCALE * self.legs.height
+        self._swings = [SwingTrajectory(settings.swing, scale) for _ in range(robot.nf)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nf, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nf, 3))
         self.yaws = np.zeros(robot.nf)

@@ -45,7 +45,7 @@ class SwingSettings(Settings):
     clearance_m: Positive | None = Field(
         default=None,
         description="Apex above the higher one of lift-off and target, m; more on rough ground. null: a seventh of the"
-        " height of the centre of mass, to the millimetre.",
+        " height of the centre of mass, of soles a third of that, to the millimetre.",
     )
     apex_share: float = Field(
         default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
@@ -58,7 +58,7 @@ class SwingSettings(Settings):
     search_depth_m: NonNegative | None = Field(
         default=None,
         description="How far below its target a late foot searches for the ground, m. null: half the height of the"
-        " centre of mass.",
+        " centre of mass, of soles a third of that.",
     )
     freeze_share: Fraction = Field(
         default=0.8, description="Share of the swing from which the target stays where it is."

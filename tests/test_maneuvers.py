@@ -37,9 +37,9 @@ def test_a_jump_is_performed_as_planned() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
-@pytest.mark.parametrize("motion", ["jump", "leap", "spin"])
-def test_the_shipped_manoeuvres_pass(motion: str, plant: str) -> None:
-    measured(f"solo12_{motion}_executed", f"plant.kind={plant}")
+@pytest.mark.parametrize("config", ["solo12_jump", "solo12_leap", "solo12_spin", "go2_jump"])
+def test_the_shipped_manoeuvres_pass(config: str, plant: str) -> None:
+    measured(f"{config}_executed", f"plant.kind={plant}")
 
 
 @pytest.mark.slow

@@ -65,7 +65,7 @@ def _solve(config: Config, key: str, source: ManeuverSource, notify: Notify) -> 
     except InputError as error:
         raise config.error(f"{key}.problem", f"{name}: {error.got}", error.expected) from error
     try:
-        problem = problem.replace(source.set)
+        problem = problem.replace({"robot": config.robot, **source.set})
     except InputError as error:
         raise config.error(f"{key}.set", f"{error.argument}: {error.got}", error.expected) from error
     outcome = prepare_solve(problem).run(lambda iteration: None)

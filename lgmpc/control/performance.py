@@ -40,6 +40,9 @@ _LATE = 0.15
 _SETTLING = 0.08
 """s after a touchdown in which feet carry only once they touch the ground."""
 
+_LOOK_AHEAD = 3
+"""Ticks within which no joint may exceed its limits."""
+
 _SURE = 2
 """Ticks of contact that end a flight early."""
 
@@ -81,6 +84,9 @@ class Performance:
         self._touching = np.zeros(len(self.stance), dtype=np.int_)
         self._flies = False
         changed = (tasks.com, tasks.base_orientation, tasks.angular_momentum, tasks.posture, tasks.swing)
+        self._horizon = wbc.qp.joint_horizon.copy()
+        # The plan keeps within the joints' limits: looking further ahead would brake the legs as they take off.
+        wbc.qp.joint_horizon[0] = min(self._horizon[0], _LOOK_AHEAD * self.plan.period)
         self._before = [(task, task.weight.copy(), task.kp.copy(), task.kd.copy()) for task in changed]
         self._set_weights(flies=False)
 
@@ -115,6 +121,7 @@ class Performance:
 
     def end(self) -> None:
         """Return weights and gains to what they were before."""
+        self._wbc.qp.joint_horizon[:] = self._horizon
         for task, weight, kp, kd in self._before:
             task.weight[:], task.kp[:], task.kd[:] = weight, kp, kd
 

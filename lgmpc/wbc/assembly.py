@@ -95,6 +95,7 @@ class WholeBodyQp:
         contacts: see :class:`Contacts`.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
+        joint_horizon: [look-ahead of the joints' limits, s; largest acceleration that they require, rad/s2].
     """
 
     def __init__(
@@ -109,6 +110,7 @@ class WholeBodyQp:
         self.contacts = Contacts.standing(robot, settings, terms.normals)
         self.external_wrench = np.zeros(6)
         self.joint_friction = robot.joint_friction.copy()
+        self.joint_horizon = np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2])
         assert settings.friction_facets is not None
         self._terms, self._solver, self._facets = terms, solver, settings.friction_facets
         weighted = [task for task in tasks if task.weight.any()]
@@ -147,7 +149,7 @@ class WholeBodyQp:
             highest_normal=self.contacts.highest_normal,
             external_wrench=self.external_wrench,
             limits=limits.reshape(-1),
-            horizon=np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2]),
+            horizon=self.joint_horizon,
             joint_friction=self.joint_friction,
             weights=np.array([weights.force, weights.acceleration]),
             **{f"task_{i}": task.memory for i, task in enumerate(symbolic)},

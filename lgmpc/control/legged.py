@@ -241,8 +241,7 @@ class LeggedController:
             self._write_horizon(time, planner)
             planner.plan_from(time, terms)
             steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
-            if steps.return_feet(time, self._motion, self.command.moves, self._mode_settings):
-                self._inputs.reacting = True
+            self._inputs.reacting |= steps.return_feet(time, self._motion, self.command.moves, self._mode_settings)
             self._planned, self._plan_s = True, perf_counter() - started
         elif steps.deciding:
             if steps.decide(time, planner):
@@ -254,13 +253,13 @@ class LeggedController:
 
     def _expect(self, planner: Planner | None, solved: bool) -> None:
         """Give the estimators what the new command should lead to."""
-        wbc = self.wbc
-        if solved and self._predictor is not None:
-            self._predictor.expect(wbc.acceleration)
+        acceleration = self.wbc.acceleration if solved else None
+        if acceleration is not None and self._predictor is not None:
+            self._predictor.expect(acceleration)
         if planner is not None:
-            planner.expect(wbc.terms, wbc.acceleration if solved else None)
+            planner.expect(self.wbc.terms, acceleration)
         if self.joint_friction is not None:
-            self.joint_friction.expect(wbc.tau)
+            self.joint_friction.expect(self.wbc.tau)
 
     def _advance_clock(self, time: float) -> int:
         """Measure the time since the last update, in whole periods; return how many ticks were missed."""
@@ -354,8 +353,7 @@ class LeggedController:
         """Stand where the feet are, and begin the way there from the belly."""
         terms, yaw = self.wbc.terms, self.wbc.terms.yaw
         self.wbc.stand()
-        self.wbc.contacts.target_forces[:] = 0.0
-        self.wbc.contacts.target_forces[:, 2] = self._weight / self.robot.nc
+        self.wbc.contacts.target_forces[:] = self._standing_forces
         self.floor.reset()
         self.feet.begin(time, terms.contact_points, None)
         self._desired.rest()
@@ -378,10 +376,7 @@ class LeggedController:
         self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping, load)
         command = self._desired.command
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command
-        if steps.active:
-            steps.follow(time, command)
-        else:
-            feet.follow(time, command)
+        (steps if steps.active else feet).follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
         feet.write_contacts(time, self._tasks.swing)
         wbc.contacts.friction[...] = self.floor.update(

@@ -371,8 +371,7 @@ class LeggedController:
             request = replace(request, vx=0.0, vy=0.0, yaw_rate=0.0)  # whatever velocity is left from another gait
         if steps.active or steps.deciding:
             request = steps.way_back(request)
-        friction = self.floor.coefficient
-        load = (0.0, 0.0) if self.planner is None else self.planner.load.force
+        load, friction = (0.0, 0.0) if self.planner is None else self.planner.load.force, self.floor.coefficient
         self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping, load)
         command = self._desired.command
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command

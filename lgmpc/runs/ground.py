@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from lgmpc.typing import Array
 from lgmpc.world import World
@@ -140,6 +139,8 @@ def _pressing_normal(normals: Array, friction: Array, force: Array) -> Array | N
     Of the many sums of forces in the friction cones of the surfaces, least squares without friction finds one. Where it
     needs more friction than there is but another does not, the direction is that for which all friction is used.
     """
+    from scipy.optimize import nnls  # imported here, because it takes half a second
+
     shares, _ = nnls(normals.T, force)
     total: Array = shares @ normals
     size, length = float(np.linalg.norm(total)), float(np.linalg.norm(force))

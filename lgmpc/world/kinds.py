@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.ndimage import gaussian_filter
 from typing_extensions import Self
 
 from lgmpc.errors import InputError
@@ -271,6 +270,8 @@ class Hills(Part):
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add the hills."""
+        from scipy.ndimage import gaussian_filter  # imported here, because it takes half a second
+
         columns, rows = (max(2, round(each / self.cell_m) + 1) for each in (self.length_m, layout.width))
         noise = gaussian_filter(layout.rng.normal(size=(rows, columns)), self.wavelength_m / (4.0 * self.cell_m))
         noise = (noise - noise.min()) / np.ptp(noise)

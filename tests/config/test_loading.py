@@ -270,7 +270,9 @@ def test_any_valid_config_reads_back_equal(
 
 def test_the_configs_of_older_run_folders_have_former_keys() -> None:
     text = dump_config(load_config("solo12_balance"))
-    older = text.replace("max_reference_lead_m: null", "leash_m: 0.05").replace("upper_body_joints:", "carried_joints:")
+    older = text.replace("max_reference_lead_m: null", "leash_m: 0.05").replace(
+        "upper_body_joints:", "carried_joints:", 1
+    )
     older = older.replace("touchdown_tolerance_s:", "force_share: 0.004\n    patience_s:")
     assert older.count("leash_m: 0.05") == older.count("patience_s") == older.count("carried_joints") == 1
     config = parse_config(older)

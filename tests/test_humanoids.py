@@ -9,6 +9,9 @@ import pytest
 from lgmpc import load_config
 from lgmpc.actions import CentroidalAction
 from lgmpc.config.build import prepare
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
+from lgmpc.locomotion.gait import biped_gaits
+from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.robot import load_robot
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
 
@@ -63,6 +66,24 @@ def test_bounds_of_a_foots_force_are_those_of_its_points_together():
     values, lower, upper = (np.array(ca.evalf(ca.SX(part))).ravel() for part in parts)
     assert values[-1] == pytest.approx(28.0) and (lower[-1], upper[-1]) == (20.0, 2000.0)
     assert lower[4::5].tolist() == [0.0, 0.0, 0.0, 0.0, 20.0]
+
+
+@pytest.mark.parametrize("speed", [-1.0, 1.0])
+def test_soles_keep_apart_and_legs_do_not_cross_however_fast_the_robot_moves_sideways(legs, speed):
+    planner = FootholdPlanner(LegGeometry.of(legs))
+    width = legs.foot_points.size[1]
+    motion = BaseMotion(0.3, -0.2, 0.1, speed, 0.4)
+    ahead, left = np.array([np.cos(0.4), np.sin(0.4)]), np.array([-np.sin(0.4), np.cos(0.4)])
+    other = np.array([0.3, -0.2]) + 0.03 * ahead - 0.05 * left  # the right foot, under the robot
+    placed = np.array(planner.place(0, motion, 0.3, 0.4, [tuple(other)]))
+    assert (placed - other) @ left > width
+
+
+def test_two_feet_walk_in_turn_and_stand_on_both_between():
+    for height in (0.3, 0.9):
+        gait = biped_gaits(height)["walk"]
+        assert gait.min_support == 1 and gait.duty > 0.5 and abs(gait.offsets[0] - gait.offsets[1]) == 0.5
+        assert gait.period_s == pytest.approx(biped_gaits(1.0)["walk"].period_s * np.sqrt(height))
 
 
 def test_standing_the_mpc_makes_nothing_worse():

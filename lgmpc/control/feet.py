@@ -124,6 +124,8 @@ class Feet:
     @property
     def point_footholds(self) -> Array:
         """(nc, 3) where each contact point stands or will touch down next, world, m."""
+        if False not in self._stood:
+            return self.targets
         return self.points.place(self.footholds, self.yaws, self.ground.normal)
 
     def gait(self, command: MotionCommand) -> Gait:
@@ -205,7 +207,9 @@ class Feet:
             if self.changed:
                 self.velocity[:] = self.acceleration[:] = 0.0
             if not feet.single:
-                self.yaws[:], self.targets[:] = feet.yaws(corners), corners
+                self.targets[:] = corners
+                if self.changed:  # soles that stand do not turn
+                    self.yaws[:] = feet.yaws(corners)
         else:
             yaws = feet.yaws(corners)
             for foot, carries in enumerate(stands):

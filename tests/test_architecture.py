@@ -53,7 +53,7 @@ ARROWS: dict[str, str] = {
     "control": f"{_PARTS} world",
     "control.interface": "",
     "hardware": "control.interface",
-    "hardware.simulated": "control.interface simulation",
+    "hardware.simulated": "control.interface simulation world",
     "demos": f"{_PARTS} mechanics control simulation",
     "runs": "lie world",
     "viz": "lie state robot world runs demos",

@@ -119,7 +119,7 @@ def serve_config(
         plant.reset(initial_state(robot, config.plant, world))
         pace: LockStep | RealTime = LockStep(end) if lock_step else RealTime(end, rates.period)
         pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
-        return serve(plant, build_sensors(config, robot), pushes, rates, pace, hardware)
+        return serve(plant, build_sensors(config, robot), pushes, rates, pace, world, hardware)
 
 
 def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) -> _DeploymentSession:

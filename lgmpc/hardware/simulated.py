@@ -20,6 +20,7 @@ from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, simulate
 from lgmpc.simulation.plant import Plant
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
+from lgmpc.world import Terrain
 
 __all__ = ["LockStep", "NoControllerError", "RealTime", "Served", "serve"]
 
@@ -145,6 +146,7 @@ class Served:
         time: (n,) times of the ticks, s.
         q: (n, nq) configuration.
         v: (n, nv) velocity.
+        normals: (n, 3) of the ground below the base.
         ending: cause of the end, in words.
         signal: the signal that ended it; None if none did.
         behind: see :class:`RealTime`.
@@ -154,6 +156,7 @@ class Served:
     time: Array
     q: Array
     v: Array
+    normals: Array
     ending: str
     behind: int = 0
     unanswered: int = 0
@@ -161,9 +164,10 @@ class Served:
 
     @property
     def max_tilt_deg(self) -> float:
-        """Largest angle between the base's vertical axis and the world's, degrees."""
-        x, y = self.q[:, 3], self.q[:, 4]
-        return math.degrees(math.acos(float(np.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0).min())))
+        """Largest angle between the base's vertical axis and the normal of the ground, degrees."""
+        x, y, z, w = self.q[:, 3:7].T
+        axis = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)], axis=1)
+        return math.degrees(math.acos(float(np.clip(np.vecdot(axis, self.normals), -1.0, 1.0).min())))
 
     @property
     def final_displacement_m(self) -> float:
@@ -177,6 +181,7 @@ def serve(
     pushes: PushSchedule,
     rates: Rates,
     pace: LockStep | RealTime,
+    ground: Terrain,
     hardware: Hardware | None = None,
     on_tick: Callable[[float], None] = lambda time: None,
 ) -> Served:
@@ -188,6 +193,7 @@ def serve(
         pushes: disturbances.
         rates: rates of plant and link.
         pace: timing of the exchange with the controller.
+        ground: of the plant's world.
         hardware: drives and delays that commands pass through besides the link; none unless given.
         on_tick: called at every tick with the simulated time.
     """
@@ -213,4 +219,4 @@ def serve(
         stopped = error.signal if isinstance(error, Interrupted) else Signals.SIGINT
         ending = f"it was stopped by {stopped.name}"
     times, qs, vs = (np.array(each) for each in zip(*states, strict=True))
-    return Served(times, qs, vs, ending, pace.behind, pace.unanswered, stopped)
+    return Served(times, qs, vs, ground.normal(qs[:, :2]), ending, pace.behind, pace.unanswered, stopped)

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import signal
 import socket
 import struct
@@ -76,6 +77,16 @@ def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path
     assert 0.0 < figures["command_p50_ms"] <= figures["command_max_ms"]
     with pytest.raises(InputError, match=r"run: got .*, a run of a robot; expected a simulated run.*config\.yaml"):
         run_from(finished, 0.1, ["mpc.enabled=false"], tmp_path)
+
+
+def test_a_robot_along_a_slope_is_not_tilted() -> None:
+    """Its base is judged against the ground, as in runs."""
+    turned, normal = math.radians(10.0), np.array([[-math.sin(math.radians(10.0)), 0.0, math.cos(math.radians(10.0))]])
+    q = np.array([[0.0, 0.0, 0.3, 0.0, -math.sin(turned / 2), 0.0, math.cos(turned / 2)]])
+    served = Served(np.zeros(1), q, np.zeros((1, 6)), normal, "the duration is over")
+    assert served.max_tilt_deg < 1e-5
+    level = Served(np.zeros(1), q, np.zeros((1, 6)), np.array([[0.0, 0.0, 1.0]]), "the duration is over")
+    assert level.max_tilt_deg == pytest.approx(10.0)
 
 
 def test_in_real_time_the_robot_stands(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lgmpc.config import Config, load_config
+from lgmpc.config import Config, load_config, parse_config
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.execution import FinishedRun, run_config, run_session
@@ -22,6 +22,7 @@ from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.runs import Outcome, RunFolder, RunLog, RunResult
 from lgmpc.runs.channels import channels_of
 from lgmpc.runs.log import CHANNELS, MPC_CHANNELS
+from lgmpc.world import make_world
 
 STAND = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 
@@ -29,6 +30,20 @@ STAND = Path(__file__).resolve().parents[2] / "configs" / "solo12_stand.yaml"
 @pytest.fixture
 def short() -> Config:
     return load_config(STAND, ["duration_s=0.1", "mpc.enabled=false", "gate={max_tilt_deg: 5}"])
+
+
+def test_a_run_stores_the_heights_of_its_world(short: Config, tmp_path: Path) -> None:
+    """A replay reads them from the folder: the file may change, or go."""
+    np.save(tmp_path / "hill.npy", np.outer(np.hanning(9), np.hanning(21)))
+    section = {"kind": "course", "parts": [{"kind": "heights", "file": str(tmp_path / "hill.npy"), "cell_m": 0.1}]}
+    config = short.replace({"world": section})
+    finished = run_config(config, tmp_path / "runs")
+    (tmp_path / "hill.npy").unlink()
+    run = RunFolder.load(finished.folder.path)
+    assert (run.path / "world_0.npy").is_file()
+    again = parse_config(run.config, folder=run.path)
+    ground = make_world(again.world, 0.6)
+    assert ground.height(np.array([[2.0, 0.0]]))[0] == pytest.approx(1.0)
 
 
 def test_a_run_is_saved_and_reported(short: Config, tmp_path: Path) -> None:

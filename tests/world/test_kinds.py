@@ -100,3 +100,32 @@ def test_names_stand_for_kinds_with_a_size(name: str, kind: str, values: dict[st
 
 def test_a_given_size_overrides_that_of_the_name() -> None:
     assert ADAPTER.validate_python({"kind": "stairs_4cm", "rise_m": 0.07}).rise_m == 0.07
+
+
+OTHER: dict[str, Any] = {
+    "kind": None, "seed": 5, "friction": 0.3, "share": 0.9, "patch_friction": 0.2, "back": True, "count": 1, "steps": 2,
+    "start_m": (0.1, 0.2), "start_yaw_deg": 9.0, "heights_m": ((0.0, 0.1), (0.3, 0.2)), "shift_m": 0.03, "file": None,
+    "white_m": None, "length_m": 0.9, "width_m": 1.3, "uphill_deg": 30.0,
+}  # fmt: skip
+"""Values of keys that are no size; those of files are tested with files."""
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        *({"kind": kind} for kind in ("floor", "slope", "ramp", "stairs", "blocks", "gaps", "patches", "hills")),
+        {"kind": "stones", "shift_m": 0.01},
+        {"kind": "heights", "cell_m": 0.1, "heights_m": ((0.0, 0.1), (0.1, 0.2))},
+    ],
+    ids=lambda section: section["kind"],
+)
+def test_every_key_of_a_kind_changes_the_world(section: dict[str, Any]) -> None:
+    settings = ADAPTER.validate_python(section)
+    usual, left = make_world(settings, 0.6), []
+    for key, value in settings.model_dump().items():
+        other = OTHER[key] if key in OTHER else 0.07 if value == 0.0 else 0.7 * value
+        if other is not None and repr(make_world(settings.replace({key: other}), 0.6)) == repr(usual):
+            left.append(key)
+    # A field of one's own has its own width; what is not random has no seed.
+    random = section["kind"] in ("blocks", "stones", "patches", "hills")
+    assert set(left) <= ({"width_m"} if section["kind"] == "heights" else set()) | (set() if random else {"seed"})

@@ -322,7 +322,7 @@ def _beyond(log: RunLog, quantity: Limited, reached: BoolArray, span: tuple[int,
         return f"{quantity.name} beyond its limit of {limit:.3g} {unit}: {value:.3g} {unit}"
     involved = _involved(log, reached, quantity.subjects, span)
     if quantity.name == "friction":
-        return f"friction cone (coefficient {log.friction_over_time[at[0]]:.3g}) used up: {involved}"
+        return f"friction cone (coefficient {log.friction_of_feet[at]:.3g}) used up: {involved}"
     if quantity.name == "slip":
         return f"feet slid by up to {value:.3g} {unit}: {involved}"
     worst = f", up to {value:.3g}" if abs(value) > (1.0 + _AT_LIMIT) * abs(limit) else ""

@@ -257,9 +257,15 @@ class RunLog(ArrayFile):
     @cached_property
     def friction_limits(self) -> Array:
         """(n, nc) largest parts along the ground within the friction cones, N."""
-        friction = self.friction_over_time[:, None] if self.contact_friction is None else self.contact_friction
-        limits: Array = friction * np.maximum(self.normal_forces, 0.0)
+        limits: Array = self.friction_of_feet * np.maximum(self.normal_forces, 0.0)
         return limits
+
+    @cached_property
+    def friction_of_feet(self) -> Array:
+        """(n, nc) friction coefficients of the ground at the feet."""
+        if self.contact_friction is not None:
+            return self.contact_friction
+        return np.tile(self.friction_over_time[:, None], (1, len(self.contact_frames)))
 
     @cached_property
     def foot_centres(self) -> Array:

@@ -81,7 +81,7 @@ class Contacts:
         points: (k, nc, 3) contact points, m.
         normals: (k, nc, 3) unit normals of the ground there.
         forces: (k, nc, 3) on the robot, N.
-        friction: (k,) coefficients; not finite where there are no friction cones.
+        friction: (k, nc) coefficients; not finite where there are no friction cones.
         touching: (k, nc) flags of closed contacts.
         slipping: (k, nc) flags of forces near or outside the surface of their cone.
     """
@@ -111,7 +111,7 @@ class Contacts:
         for friction in frictions:
             each = path + (f"/{friction:g}" if len(frictions) > 1 else "")
             scene.add_mesh(each, funnel(friction * height, height), material)
-            turns, flags = turns_to(self.normals[:, k]), shown & (self.friction == friction)
+            turns, flags = turns_to(self.normals[:, k]), shown & (self.friction[:, k] == friction)
             scene.animate(each, self.times, position=self.points[:, k], quaternion=turns, visible=flags)
 
 

@@ -94,7 +94,7 @@ def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> No
     closed = log.normal_forces > 0.02 * scale.newtons
     slipping = closed & (log.tangential_forces > (1.0 - _NEAR_SLIP) * log.friction_limits)
     flags = (frames.mean(each.astype(np.float64)) > 0.0 for each in (closed, slipping))
-    forces, friction = frames.mean(log.contact_forces), log.friction_over_time[frames.ticks]
+    forces, friction = frames.mean(log.contact_forces), log.friction_of_feet[frames.ticks]
     normals = log.contact_normals[frames.ticks]
     Contacts(names, frames.times, points, normals, forces, friction, *flags).add_to(scene, scale)
     planned = frames.mean(log.contact_forces_desired)
@@ -280,6 +280,6 @@ def _contacts(log: TrajectoryLog, pictures: Pictures, ground: Terrain) -> Contac
     touching = log.contact_flags[at]
     forces = np.where(touching[:, :, None], log.contact_forces[at], 0.0)
     normal, tangential = np.einsum("kci,kci->kc", forces, normals), along_ground(forces, normals)
-    friction = np.full(len(at), log.friction)
+    friction = np.full((len(at), len(log.contact_frames)), log.friction)
     outside = np.isfinite(log.friction) & (tangential > 1.001 * np.nan_to_num(log.friction, posinf=0.0) * normal + 1e-9)
     return Contacts(log.contact_frames.tolist(), pictures.times, points, normals, forces, friction, touching, outside)

@@ -256,7 +256,9 @@ def label_pushes(log: RunLog, all_axes: Iterable[Axes]) -> None:
 
 
 def friction_words(log: RunLog) -> str:
-    """Return the friction coefficients of the floor in the order of their times: ``0.6``, ``0.6, then 0.3``."""
+    """Return the coefficients of the ground in the order of their times: ``0.6, then 0.3``; or ``0.2 to 0.6``."""
+    if log.contact_friction is not None:
+        return f"{log.contact_friction.min():g} to {log.contact_friction.max():g}"
     floor = log.friction_over_time
     changed = np.flatnonzero(np.diff(floor, prepend=np.nan))
     return ", then ".join(f"{each:g}" for each in (floor[changed] if len(floor) else [log.friction]))

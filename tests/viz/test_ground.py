@@ -137,3 +137,23 @@ def test_the_camera_does_not_jump_on_steps() -> None:
     camera = frame_camera(*corners, along, np.zeros((0, 3)), World((Plane(), *steps)))
     rise = np.array(camera["follow"])[:, 1]
     assert rise[-1] - rise[0] > 0.3 and np.abs(np.diff(rise)).max() < 0.006
+
+
+def test_cones_have_the_friction_of_their_surface(solo12: Robot, pushed_run: Run) -> None:
+    """Two feet on ice: their cones are narrow, those of the others wide, and the legend says from where to where."""
+    log = pushed_run.log
+    friction = np.tile([0.6, 0.6, 0.1, 0.1], (log.ticks, 1))
+    content = content_of(replay_page(solo12, replace(pushed_run, log=replace(log, contact_friction=friction))))
+    assert "0.1 to 0.6" in str(content["legend"])
+    shown = {
+        clip["path"]: any(
+            any(np.array(track["values"]).ravel()) for track in clip["clip"]["tracks"] if ".vis" in track["name"]
+        )
+        for clip in content["animations"]
+        if clip["path"].startswith("/overlay/cones/cones/")
+    }
+    sizes = (0.6, 0.6, 0.1, 0.1)
+    seen = [
+        {each for each in (0.1, 0.6) if shown[f"/overlay/cones/cones/{name}/{each:g}"]} for name in log.contact_frames
+    ]
+    assert all(found <= {own} for found, own in zip(seen, sizes, strict=True)) and {0.6} in seen and {0.1} in seen

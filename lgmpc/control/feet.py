@@ -34,7 +34,7 @@ _SETTLED_S = 0.018
 
 _EVEN_SHARE = 0.03  # of the height of the centre of mass: by so much less a touchdown may deviate on even ground
 _BELOW_SHARE = 0.015
-_ROUGHEST_SHARE = 0.25
+_ROUGHEST_SHARE = 0.2
 _REMEMBERED = 0.97
 """Share of the roughness that is left after one more touchdown as expected."""
 

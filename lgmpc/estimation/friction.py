@@ -15,6 +15,9 @@ _LEAST_SHARE = 0.5
 _SMOOTHING = 0.002
 """Time constant, s, of the contact points' velocities: noise must not look like a slide."""
 
+_SINKING = 0.09
+"""Square of the least ratio of speeds along the normal and along the surface of a foot that rolls off an edge."""
+
 
 class FrictionMonitor:
     """Lowers the assumed friction coefficient where stance feet slide ever faster, and raises it again slowly.
@@ -104,7 +107,9 @@ class FrictionMonitor:
             smoothed.append((x, y, z))
             out = a * x + b * y + c * z
             u, v, w = x - out * a, y - out * b, z - out * c
-            speeds.append(u * u + v * v + w * w)
+            along = u * u + v * v + w * w
+            # A foot that rolls off an edge sinks as it slides, which is no evidence of friction.
+            speeds.append(along if out * out < _SINKING * along else 0.0)
         before, least = self._speeds_squared or speeds, self._sliding_speed_squared
         self._velocities, self._speeds_squared = smoothed, speeds
         sliding = [foot for foot, speed in enumerate(speeds) if speed > least and stance[foot]]

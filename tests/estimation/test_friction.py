@@ -67,6 +67,14 @@ def test_a_foot_that_slows_down_proves_nothing(tilt: np.ndarray) -> None:
         assert update(monitor, tilt, velocities(1, speed), FORCES) == low
 
 
+def test_a_foot_that_rolls_off_an_edge_proves_nothing(tilt: np.ndarray) -> None:
+    monitor = FrictionMonitor(0.6, 1e-3, fall_time=0.05)
+    sinking = np.zeros((4, 3))
+    sinking[1] = tilt @ [0.3, -0.4, -0.25]  # in the axes of the surface once it is turned back
+    for _ in range(50):
+        assert monitor.update(sinking, STANCE, FORCES @ tilt.T, np.tile(tilt[:, 2], (4, 1))) == 0.6
+
+
 def test_it_rises_again_slowly_towards_the_nominal(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, fall_time=0.05, rise_time=2.0)
     for _ in range(50):

@@ -17,7 +17,7 @@ from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
 from lgmpc.errors import InputError
-from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, LeggedEstimator
+from lgmpc.estimation import FrictionMonitor, JointFrictionEstimator, LeggedEstimator
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import Mpc, make_mpc
@@ -91,32 +91,25 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         robot: from :func:`build_robot`, which checks that the config fits it.
         notify: called with a description of what is being prepared.
     """
-    period, delays = 1.0 / config.wbc.rate_hz, _compensated(config)
+    period = 1.0 / config.wbc.rate_hz
     gaits = gaits_of(robot, config.locomotion)
     mpc = _build_mpc(config, robot, notify) if config.mpc.enabled else None
     return LeggedController(
         robot,
         _build_whole_body(config, robot),
         FrictionMonitor(config.wbc.friction, period),
-        Planner(robot, mpc, period, delays.total_s) if mpc is not None else None,
+        Planner(robot, mpc, period, config.delays.total_s) if mpc is not None else None,
         commands=CommandTimeline(config.commands, gaits=gaits),
         offset=None if isinstance(config.reference, StandReference) else config.reference,
         locomotion=config.locomotion,
         gaits=gaits,
         modes=config.modes,
-        delays=delays,
+        delays=config.delays,
         joint_friction=_build_joint_friction(config, robot),
         drives=config.drives,
         maneuvers=build_maneuvers(config, robot, notify),
         period=period,
     )
-
-
-def _compensated(config: Config) -> DelaySettings:
-    """Return section ``delays``; unless it is given, where computing takes time, that of a command: the next tick."""
-    if config.timing.computing == "ideal" or config.delays != DelaySettings():
-        return config.delays
-    return DelaySettings(command_s=1.0 / config.wbc.rate_hz)
 
 
 def _build_mpc(config: Config, robot: Robot, notify: Notify) -> Mpc:
@@ -142,7 +135,7 @@ def _build_whole_body(config: Config, robot: Robot) -> WholeBodyController:
 def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimator | None:
     if config.joint_friction is None:
         return None
-    return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, _compensated(config).total_s)
+    return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, config.delays.total_s)
 
 
 def build_recorder(

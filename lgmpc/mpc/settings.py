@@ -90,7 +90,7 @@ class MpcSettings(Settings):
         " small stages and in dense blocks for large ones.",
     )
     max_sweeps: Count | None = Field(
-        default=10,
+        default=12,
         description="Most Riccati sweeps of active_set in a quadratic programme (50 us each for Solo12), after which"
         " its best iterate is the plan: a push that changes many limits at once would take up to 60. null, and where"
         " there is no last plan: no limit.",

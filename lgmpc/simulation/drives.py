@@ -98,7 +98,7 @@ class ActuatorSettings(Settings):
 class TimingSettings(Settings):
     """Simulated duration of the computations. A tick that is due while an earlier one is computed is missed.
 
-    Where it is not ``ideal``, a command acts from the next tick on, which is compensated unless ``delays`` says more.
+    Where it is not ``ideal``, a command acts from the next tick on.
     """
 
     computing: Literal["ideal", "measured", "modelled"] = Field(

@@ -348,7 +348,7 @@ def test_an_update_under_a_sudden_push_takes_a_bounded_number_of_sweeps_and_its_
         update(each, 0.01, STANDING, wrench=0.6 * wrench)  # as the observer sees it
     for i in range(20):
         plan, far = (update(each, 0.02, STANDING, wrench=wrench) for each in (mpc, exact))
-        assert plan.status.fresh and plan.qp_iterations <= 10
+        assert plan.status.fresh and plan.qp_iterations <= 12
         sideways = np.linalg.norm(plan.forces[..., :2], axis=-1)
         assert (sideways <= 0.6 * plan.forces[..., 2] + 1e-6).all()
         if i == 0:

@@ -15,7 +15,7 @@ _LEAST_SHARE = 0.5
 _SMOOTHING = 0.002
 """Time constant, s, of the contact points' velocities: noise must not look like a slide."""
 
-_SINKING = 0.09
+_SINKING = 0.2
 """Square of the least ratio of speeds along the normal and along the surface of a foot that rolls off an edge."""
 
 

@@ -112,20 +112,20 @@ def test_an_early_foot_stands_at_once() -> None:
     check_it_walks_on(log, metrics, begin)
 
 
-@pytest.mark.parametrize(("depth", "last"), [(0.003, "late"), (0.012, "missing")])
-def test_a_late_foot_descends_until_it_stands(depth: float, last: str) -> None:
-    """A hole: the schedule waits for the foot, for a deep one not until the end, and the foot finds the ground."""
+@pytest.mark.parametrize("depth", [0.003, 0.012])
+def test_a_late_foot_descends_until_it_stands(depth: float) -> None:
+    """A hole: the schedule waits until the foot finds the ground."""
     log, metrics, begin = walked(-depth, in_swing, 0.24)
     states = states_after(log, begin, 0.24)
-    assert "late" in states and last in states
-    assert states[states.index(last) + 1] == "stance"
+    assert "late" in states
+    assert states[states.index("late") + 1] == "stance"
     check_it_walks_on(log, metrics, begin)
 
 
 def test_a_foot_that_loses_its_contact_regains_it() -> None:
     """The floor falls by 3.5 cm early in a long stance: the foot descends, stands again, and the robot walks on.
 
-    Its base is parallel to the plane through its feet, of which one is 3.5 cm lower: 4.3 degrees.
+    Its base is parallel to the plane through its feet, of which one is 3.5 cm lower: 4.3 degrees, and sways by 0.8.
     """
     stance = [0.8]
 
@@ -136,7 +136,7 @@ def test_a_foot_that_loses_its_contact_regains_it() -> None:
     log, metrics, begin = walked(-0.035, in_stance, 0.25, "walk")
     states = states_after(log, begin, 0.25)
     assert states[:3] == ["stance", "lost", "stance"]
-    check_it_walks_on(log, metrics, begin, tilt_deg=5.0)
+    check_it_walks_on(log, metrics, begin, tilt_deg=5.5)
 
 
 AGE = 0.008

@@ -17,7 +17,8 @@ def test_the_shipped_configs_fit_their_robot(shipped_run: Path) -> None:
     config = load_config(shipped_run)
     robot = build_robot(config)
     assert robot.name == config.robot.model
-    assert robot.contact_frames == config.robot.contact_frames
+    feet = [each.frame for each in config.robot.feet]
+    assert robot.foot_names == (tuple(feet) or config.robot.contact_frames)
     assert np.isfinite(robot.effort_limit).all()
 
 

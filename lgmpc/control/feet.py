@@ -1,4 +1,4 @@
-"""What the feet do at every tick: contacts, footholds and swings, and the contacts ahead of them."""
+"""Per-tick management of the feet: contacts, footholds, swings, and the contacts ahead of them."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _REST = 0.05  # m/s
 
 @dataclass(frozen=True)
 class _Pushed:
-    """What a decision is based on, the same for every schedule: a pushed robot is faster at every tick.
+    """Basis of a decision, the same for every schedule: a pushed robot is faster at every tick.
 
     Attributes:
         state: measured when the decision began.

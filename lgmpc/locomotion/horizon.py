@@ -1,4 +1,4 @@
-"""What a predictive controller is given besides the state: contacts and desired motion over its horizon."""
+"""Input of a predictive controller besides the state: contacts and desired motion over its horizon."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ _RIDGE = 1e-6
 
 
 class TerrainBeliefSettings(Settings):
-    """What a robot without a map concludes from its footholds."""
+    """Conclusions of a robot without a map from its footholds."""
 
     filter_share: Positive = Field(
         default=0.5,

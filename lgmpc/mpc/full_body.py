@@ -30,7 +30,7 @@ from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, touching
 from lgmpc.robot.scaling import weight_factor
-from lgmpc.settings import Count, Extension, NonNegative, Positive
+from lgmpc.settings import Extension, NonNegative, Positive
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
@@ -63,9 +63,6 @@ class FullBodyMpcSettings(MpcSettings):
     model: Literal["full_body"] = Field(default="full_body", description="Model that predicts.")
     rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = Field(
         default=50.0, description="Updates per second, Hz, 1 to 10000."
-    )
-    max_sweeps: Count | None = Field(
-        default=None, description="Most Riccati sweeps of active_set in a quadratic programme; null: no limit."
     )
     reach_rad: Positive = Field(
         default=0.9,

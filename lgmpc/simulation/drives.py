@@ -110,7 +110,7 @@ class TimingSettings(Settings):
         description="Quantiles, at equal steps of probability from 0 to 1, of a tick without planning, ms.",
     )
     plan_ms: Milliseconds = Field(
-        default=(0.2, 0.3, 0.4, 0.5, 1.2),
+        default=(0.5, 0.7, 0.8, 1.0, 3.0),
         description="Quantiles of planning, in addition in ticks that plan, ms.",
     )
     forecast_ms: Milliseconds = Field(

@@ -1,4 +1,4 @@
-"""What is around the robot: surfaces with friction, from settings and seed, and queries of the ground over them.
+"""The surroundings of the robot: surfaces with friction, from settings and seed, and queries of the ground over them.
 
 Only plants, initial states, judging, replay and problems read a :class:`World`; a controller has its
 :class:`~lgmpc.estimation.terrain.TerrainBelief` instead.

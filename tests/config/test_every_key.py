@@ -126,12 +126,18 @@ SOLO = {
             "locomotion.limits.acceleration_m_s2=5",
         ],
         (
-            "locomotion.contacts.early_share",
             "locomotion.contacts.lost_time_s",
             "locomotion.contacts.touchdown_tolerance_s",
-            "locomotion.contacts.max_late_s",
             "locomotion.terrain.filter_share",
         ),
+    ),
+    "blocks": Scene(
+        "solo12_velocity",
+        [
+            *("world={kind: blocks_20mm, seed: 1}", "commands=[{at_s: 0.01, velocity_m_s: [0.3, 0, 0], gait: trot}]"),
+            "duration_s=1.5",
+        ],
+        ("locomotion.contacts.max_late_s",),
     ),
     "steps": Scene(
         "solo12_step_recovery",
@@ -203,6 +209,8 @@ BALL = {
 }
 
 OTHER: dict[str, Any] = {
+    "*/locomotion.reaction.margin_m": -0.2,
+    "*/locomotion.contacts.max_late_s": 0.0,
     "walk/robot.contact_frames": ("foot_b", "foot_a", "foot_c"),
     "walk/robot.posture": {"slide_*": 0.02},
     "walk/robot.position_limit_rad": (-0.2, 0.5),
@@ -306,6 +314,7 @@ EXEMPT: dict[str, str] = {
     "locomotion.gaits": "walked entry by entry where there are some",
     "locomotion.gaits.?.name": "commands refer to it",
     "locomotion.swing.search_depth_m": "of feet that find no ground, see tests/locomotion/test_swing.py",
+    "locomotion.contacts.early_share": "of feet that touch early in a swing, see tests/locomotion/test_contacts.py",
     "locomotion.contacts.max_search_s": "of feet that find no ground, see tests/locomotion/test_contacts.py",
     "locomotion.terrain.level_deg": "of gentle slopes, see tests/locomotion",
     "locomotion.terrain.steepest_deg": "of steep slopes, see tests/locomotion",

@@ -87,10 +87,7 @@ def test_an_oblique_push_is_met_first_by_the_foot_that_it_points_to(impulse: tup
 
 def test_schedules_are_evaluated_for_the_same_state() -> None:
     """A mirrored push exchanges the costs of the diagonals; a later evaluation finds a faster robot, and costs more."""
-    exact = ("mpc.max_sweeps=null",)
-    left, right = (
-        np.array(pushed((3.0, y), seconds=0.55, overrides=exact).controller.push_steps.costs) for y in (5.196, -5.196)
-    )
+    left, right = (np.array(pushed((3.0, y), seconds=0.55).controller.push_steps.costs) for y in (5.196, -5.196))
     np.testing.assert_allclose(left.reshape(2, 2), right.reshape(2, 2)[:, ::-1], rtol=2e-3)
     assert np.abs(left[0] - left[1]) > 5e-3 * left[0]
 

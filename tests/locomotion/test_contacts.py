@@ -65,6 +65,18 @@ def test_without_a_measurement_the_schedule_is_followed() -> None:
         assert (events.update(t) == twin.flags(t)).all()
 
 
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_a_contact_early_in_a_swing_is_not_yet_a_touchdown(share: float) -> None:
+    script = Script(ContactEventSettings(early_share=share))
+
+    def step(t: float, contacts: np.ndarray) -> None:
+        contacts[0] |= 0.3 * TROT.swing_s <= t < TROT.period_s
+
+    script.run(TROT.period_s - 0.01, step)
+    assert script.sequence()[:2] == [SWING, EARLY]
+    assert script.begin(EARLY) == pytest.approx(share * TROT.swing_s, abs=2.1 * TICK)
+
+
 def test_an_early_touchdown_carries_at_once_and_the_schedule_goes_on() -> None:
     script = Script()
     touch = 0.7 * TROT.swing_s

@@ -269,7 +269,7 @@ class RunLog(ArrayFile):
 
     @cached_property
     def foot_centres(self) -> Array:
-        """(n, nc, 3) centres of the spherical feet, m: they do not jump where a foot touches another surface."""
+        """(n, nc, 3) centres of the spherical feet, m. They do not jump where a foot touches another surface."""
         return foot_centres(self.contact_points, self.contact_normals, self.contact_radius)
 
     @property

@@ -72,6 +72,7 @@ def _complete(result: Result, *words: str) -> list[str]:
 
 def test_the_shell_completes_configs_runs_and_demos(result: Result, tmp_path: Path) -> None:
     assert _complete(result, "lgmpc", "check", "solo12_st") == [
+        "solo12_stairs",
         "solo12_stand",
         "solo12_step_recovery",
         "solo12_strong_push",

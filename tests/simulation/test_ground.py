@@ -221,8 +221,9 @@ def test_a_block_slides_down_every_surface_as_down_a_plane(plant_type, block, su
         ends.append(plant.sense().q[:3])
     moved = math.hypot(*(ends[0][[0, 2]] - [0.0, 0.035 * math.cos(INCLINE)]))
     assert moved > 0.02
-    # MuJoCo's soft contacts chatter under a sliding block: some percent in the friction.
-    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-6 if plant_type is PinocchioPlant else 0.1 * moved)
+    # MuJoCo's soft contacts chatter under a sliding block: some percent in the friction. Pinocchio's solver: below a
+    # micrometre, with the oldest version 0.15 mm of 38.
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=(0.01 if plant_type is PinocchioPlant else 0.1) * moved)
 
 
 @pytest.mark.parametrize(

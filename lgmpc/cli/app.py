@@ -226,8 +226,7 @@ def report(
 ) -> None:
     """Write one self-contained page: verdict, events, figures, replay, config, versions; of a sweep its tables.
 
-    It requires no network and no other file, suits phones, light and dark screens, and prints. Figures show the values
-    under the cursor, zoom, and follow the replay.
+    It requires no network and no other file, suits phones, light and dark screens, and prints.
     """
     from lgmpc.config.showing import report as write
     from lgmpc.runs import find_run
@@ -238,7 +237,7 @@ def report(
     show_page(write_sweep_report(folder, html) if is_sweep(folder) else write(find_run(run, runs), html))
 
 
-for _study in (studies.compare, studies.ablate, studies.tune):
+for _study in (studies.compare, studies.tune):
     _command(_study)
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 from lgmpc.errors import MissingDependencyError, RunFolderError
 from lgmpc.runs import RunResult, SolveResult, atomic_write
 from lgmpc.runs.atomic import reason_of
-from lgmpc.viz.interaction import classes_from_names, mark_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -178,7 +177,7 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
 
 
 def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
-    """Draw figures as SVG elements for a page, with the page's colours and fonts, and marked for its script.
+    """Draw figures as SVG elements for a page, with the page's colours and fonts.
 
     Args:
         drawings: name -> drawing.
@@ -195,26 +194,25 @@ def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
         for name, draw in drawings.items():
             figure = make()
             if draw(figure):
-                axes = mark_figure(figure)
                 stream = io.StringIO()
                 figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
-                drawn[name] = _for_page(stream.getvalue(), axes)
+                drawn[name] = _for_page(stream.getvalue())
     return drawn
 
 
-def _for_page(svg: str, axes: str) -> str:
+def _for_page(svg: str) -> str:
     """Return the element of an SVG file: in the page's colours, without a size, and without ids that nothing uses."""
     element = svg[svg.index("<svg") :]
     element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
     element = re.sub(r'^(<svg[^>]*?) width="[^"]*"', r"\1", element)
     element = re.sub(r'^(<svg[^>]*?) height="[^"]*"', r"\1", element)
-    element = classes_from_names(element)
+    element = re.sub(r'<g id="[^"]*"', "<g", element)
     # Coordinates are rounded to a hundredth of a point, which is invisible.
     element = re.sub(r' (?:d|x|y|transform)="[^"]+"', lambda match: re.sub(r"(\.\d\d)\d+", r"\1", match[0]), element)
     element = re.sub(r"font-family: [^;\"]*;? ?", "", element)
     for color, variable in THEMED.items():
         element = element.replace(color, f"var(--{variable})")
-    return element.replace("<svg", f'<svg data-axes="{escape(axes)}"', 1)
+    return element
 
 
 def figure_heading(name: str) -> str:

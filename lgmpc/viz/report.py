@@ -16,9 +16,9 @@ from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Run, SolvedRun, flat_metrics, measured
 from lgmpc.runs.certificate import Certificate
-from lgmpc.runs.events import event_lines
-from lgmpc.runs.figures import figure_number, figure_of, figure_words
+from lgmpc.runs.figures import figure_of
 from lgmpc.runs.forensics import Explanation
+from lgmpc.runs.tables import events_table, figures_table, limits_table, margins_table
 from lgmpc.viz.explanation_plots import draw_explanation
 from lgmpc.viz.figure_files import Drawing, figure_heading, svg_figures
 from lgmpc.viz.page import filled
@@ -117,7 +117,7 @@ def report_page(title: str, verdict: str, about: str, reasons: Iterable[str], se
         "title": escape(f"{title} · lgmpc report"),
         "style": (assets / "report.css").read_text(encoding="utf-8"),
         "body": _lines([head, *sections]),
-        "script": "".join((assets / name).read_text(encoding="utf-8") for name in ("report.js", "figures.js")),
+        "script": (assets / "report.js").read_text(encoding="utf-8"),
     }
     return filled((assets / "report.html").read_text(encoding="utf-8"), parts)
 
@@ -146,12 +146,13 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, gro
         yield from _replayed(partial(replay_page, robot, run, ground))
         if metrics is not None:
             limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
-            yield section("Figures of merit", _bounded(limited), _all_figures(flat_metrics(metrics)))
+            yield section("Figures of merit", table(*limits_table(limited)), _all(flat_metrics(metrics)))
         yield section("Figures", figures(run_drawings(run)))
         drawn = figures({"events": partial(draw_explanation, explanation=explanation)})
-        yield section("Events", words(_repeated(run, explanation)), _events(explanation), drawn)
+        events = table(*events_table(explanation.events, explanation.failed_s, explanation.failure))
+        yield section("Events", words(_repeated(run, explanation)), events, drawn)
         until = "" if explanation.failed_s is None else ", until the failure"
-        yield section(f"Nearest to limits{until}", _nearest(explanation))
+        yield section(f"Nearest to limits{until}", table(*margins_table(explanation.nearest)))
         if result.certificate is not None:
             yield _certificate(result.certificate)
         yield from _sources(run)
@@ -179,7 +180,7 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> s
         yield from _replayed(partial(replay_page, robot, run))
         limited = [(key, result.figures.get(figure_of(key)), limit) for key, limit in bounds.items()]
         told = words(line.strip() for line in result.explanation.splitlines() if line.strip())
-        yield section("Figures of merit", told, _bounded(limited), _all_figures(result.figures))
+        yield section("Figures of merit", told, table(*limits_table(limited)), _all(result.figures))
         yield section("Figures", figures(trajectory_drawings(robot, run)))
         yield from _sources(run)
 
@@ -196,55 +197,16 @@ def _repeated(run: Run, explanation: Explanation) -> Iterator[str]:
         yield f"to repeat it up to the first event, and continue with other settings: {command}"
 
 
-def _events(explanation: Explanation) -> str:
-    rows = [
-        (each.start_s, f"{each.start_s:.3f}", f"{1e3 * each.lasting_s:.0f}", each.kind.value, each.words)
-        for each in event_lines(explanation.events)
-    ]
-    if explanation.failed_s is not None:
-        rows.append((explanation.failed_s, f"{explanation.failed_s:.3f}", "", "failure", explanation.failure))
-    rows.sort(key=lambda row: row[0])
-    marks = ["bad" if row[3] == "failure" else "" for row in rows]
-    return table(("at / s", "lasts / ms", "what", ""), [row[1:] for row in rows], marks)
-
-
-def _nearest(explanation: Explanation) -> str:
-    marks = ["bad" if each.broken else "" for each in explanation.nearest]
-    headings = ("quantity", "where", "at / s", "value", "limit", "margin")
-    return table(headings, [each.cells for each in explanation.nearest], marks)
-
-
 def _certificate(certificate: Certificate) -> str:
-    rows = [(*each.cells, "kept" if each.kept else "broken") for each in certificate.checks]
     marks = ["good" if each.kept else "bad" for each in certificate.checks]
-    headings = ("check, until a fall", "where", "at / s", "value", "limit", "smallest margin", "")
+    checks = margins_table(certificate.checks, "check, until a fall")._replace(marks=marks)
     found = "all checks of physics and hardware passed" if certificate.certified else "not certified"
     peaks = [f"without a limit in the config: {each}" for each in certificate.without_limit]
-    return section("Certificate", words([found]), table(headings, rows, marks), words(peaks))
+    return section("Certificate", words([found]), table(*checks), words(peaks))
 
 
-def _bounded(limited: list[tuple[str, float | None, float]]) -> str:
-    """Return the table of the figures that the gate limits, with their limits."""
-    rows, marks = [], []
-    for key, value, limit in limited:
-        name, unit, scale = figure_words(figure_of(key), value, limit)
-        highest = key.startswith("max_")
-        kept = value is not None and (value <= limit if highest else value >= limit)
-        shown = "-" if value is None else figure_number(scale * value, unit, scale * limit)
-        allowed = f"{'≤' if highest else '≥'} {scale * limit:g}"
-        rows.append((f"{name} / {unit}" if unit else name, shown, allowed, "kept" if kept else "broken"))
-        marks.append("good" if kept else "bad")
-    return table(("figure", "measured", "allowed", ""), rows, marks)
-
-
-def _all_figures(measures: Mapping[str, float | None]) -> str:
-    rows = []
-    for key, value in measures.items():
-        group, _, stem = key.rpartition(".")
-        name, unit, scale = figure_words(stem, value)
-        shown = "-" if value is None else figure_number(scale * value, unit)
-        rows.append((f"{group} {name}".strip(), shown, unit))
-    return folded("All figures", table(("figure", "measured", "unit"), rows))
+def _all(figures: Mapping[str, float | None]) -> str:
+    return folded("All figures", table(*figures_table(figures)))
 
 
 def _replayed(page: Callable[[], str]) -> Iterator[str]:

@@ -173,7 +173,6 @@ class Player {
     badge.classList.toggle("on", push !== undefined);
     if (push) badge.textContent = push.label;
     this.drawTimeline();
-    if (parent !== window) parent.postMessage({ lgmpcTime: start + this.time }, "*");  // a report around it follows
   }
 
   // A bar for each foot while it is on the ground, and a mark at each time at which something is to be reached.

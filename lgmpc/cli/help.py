@@ -56,6 +56,7 @@ lgmpc solve runs/<time>-<name>/config.yaml    repeat it
 sweep
 lgmpc sweep push_map
 lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_map --workers 2
+lgmpc sweep ablation --set base=solo12_velocity    each part of the controller taken away, in pairs
 lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups
 lgmpc sweep push_map --resume              continue after Ctrl-C
 lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask scheduler
@@ -83,11 +84,6 @@ compare
 lgmpc compare runs/<time>-a runs/<time>-b
 lgmpc compare sweeps/before sweeps/after --margin 0.02 --metric max_tilt_deg
 lgmpc compare sweeps/before sweeps/after --json | jq .quantities
-
-ablate
-lgmpc ablate solo12_velocity               every usual part
-lgmpc ablate solo12_balance mpc wbc.weights.posture wbc.gains.com.kp=10
-lgmpc ablate solo12_balance --set "pushes.0.impulse_ns=[0, 4, 0]" --seeds 5 --json
 
 tune
 lgmpc tune solo12_balance_inekf --keys mpc.weights.com wbc.gains.com.kp=30:300:log --objective com_rms_error_m

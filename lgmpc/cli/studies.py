@@ -1,4 +1,4 @@
-"""Arguments and options of the commands about many runs: sweeps, comparisons, ablations, tuning."""
+"""Arguments and options of the commands about many runs: sweeps, comparisons, tuning."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import typer
 
 from lgmpc.cli.options import (
     AsJson,
-    ConfigFile,
     MoreOverrides,
     Overrides,
     Quiet,
@@ -21,7 +20,7 @@ from lgmpc.cli.options import (
     option,
 )
 
-__all__ = ["ablate", "compare", "sweep", "tune"]
+__all__ = ["compare", "sweep", "tune"]
 
 Workers = Annotated[int | None, option("Worker processes; one for each processor if not given.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
@@ -82,34 +81,6 @@ def compare(
     from lgmpc.cli.sweeping import compare_shown
 
     return compare_shown(first, second, runs, margin=margin, metrics=tuple(metric), as_json=as_json, quiet=quiet)
-
-
-def ablate(
-    config: ConfigFile,
-    keys: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="[KEY...]",
-            help="Parts to remove: a switch, a table with one, a number (0), or KEY=VALUE without effect. The usual "
-            "parts if none is given.",
-            show_default=False,
-        ),
-    ] = [],  # noqa: B006
-    overrides: Changes = [],  # noqa: B006
-    seeds: Annotated[int, typer.Option(help="Number of seeds for each.")] = 1,
-    out: NewFolder = None,
-    workers: Workers = None,
-    resume: Resume = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> int:
-    """Run a config without each of its parts, in pairs with the complete one: the effect of each part.
-
-    Parts that make the robot fail come first, then those that worsen a figure most, as a share of its limit.
-    """
-    from lgmpc.cli.sweeping import Job, ablate_shown
-
-    return ablate_shown(config, keys, overrides, Job(out, workers, resume, as_json, quiet), seeds)
 
 
 def tune(

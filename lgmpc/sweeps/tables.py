@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
 
 from lgmpc.runs.figures import figure_words
+from lgmpc.runs.tables import Table
 from lgmpc.sweeps.design import Sweep
 from lgmpc.sweeps.rows import Estimate, Row
 from lgmpc.sweeps.summary import Group, Summary, level_text
 
-__all__ = ["TextTable", "group_table", "level_table", "point_table", "search_words", "summary_tables"]
+__all__ = ["group_table", "level_table", "point_table", "search_words", "summary_tables"]
 
 _MOST_METRICS = 4
 _USUAL = ("survived_s", "max_tilt_deg")
 """Metrics in the tables of a sweep that names none."""
 
 
-class TextTable(NamedTuple):
-    """Headings and rows of cells."""
-
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
-def summary_tables(summary: Summary, metrics: tuple[str, ...] | None) -> list[TextTable]:
+def summary_tables(summary: Summary, metrics: tuple[str, ...] | None) -> list[Table]:
     """Return the tables of groups, of levels and of pairs, those that have rows."""
     found = [group_table(summary, metrics), level_table(summary), _pairing_table(summary, metrics)]
     return [each for each in found if each.rows]
 
 
-def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
+def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> Table:
     """Return a row for each group: the share that passed and the medians of metrics, or the boundaries."""
     labels = list(dict.fromkeys(label for group in summary.groups for label in group.labels))
     bounded = any(group.boundaries for group in summary.groups)
@@ -40,20 +33,20 @@ def group_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
     for group in summary.groups:
         cells = [*(group.labels.get(label, "") for label in labels), str(sum(group.endings.values()))]
         rows.append((*cells, *(_boundaries(group) if bounded else _medians(group, shown))))
-    return TextTable((*labels, "points", *columns), tuple(rows))
+    return Table((*labels, "points", *columns), tuple(rows))
 
 
-def level_table(summary: Summary) -> TextTable:
+def level_table(summary: Summary) -> Table:
     """Return the share that passes at each level of each factor, for each base and variant."""
     labels = tuple(dict.fromkeys(label for each in summary.levels for label in each.labels))
     rows = tuple(
         (each.key, each.level, *each.labels.values(), str(each.passed.count), _percent(each.passed))
         for each in summary.levels
     )
-    return TextTable(("factor", "level", *labels, "points", "passed"), rows)
+    return Table(("factor", "level", *labels, "points", "passed"), rows)
 
 
-def _pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTable:
+def _pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> Table:
     """Return the paired differences of each variant to the first one."""
     shown = ("passed", "boundary", *(metrics or _USUAL))
     rows = tuple(
@@ -61,10 +54,10 @@ def _pairing_table(summary: Summary, metrics: tuple[str, ...] | None) -> TextTab
         for each in summary.pairings
         if each.quantity in shown
     )
-    return TextTable(("variant", "against", "quantity", "mean difference in pairs", "pairs"), rows)
+    return Table(("variant", "against", "quantity", "mean difference in pairs", "pairs"), rows)
 
 
-def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> TextTable:
+def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> Table:
     """Return a row for each finished point: its place in the sweep, its ending and the reasons."""
     keys = list(dict.fromkeys(key for point in sweep.points for key in point.levels))
     found = [(point, rows[point.key]) for point in sweep.points if point.key in rows]
@@ -80,7 +73,7 @@ def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> TextTable:
         )
         for point, row in found
     )
-    return TextTable(("point", "base", "variant", *keys, "ended", "boundary", "reasons"), cells)
+    return Table(("point", "base", "variant", *keys, "ended", "boundary", "reasons"), cells)
 
 
 def search_words(sweep: Sweep, rows: Mapping[str, Row]) -> str:

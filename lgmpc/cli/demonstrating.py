@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import json
-import textwrap
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.screen import err, out, plain_table
+from lgmpc.cli.screen import err, out, show_table
 from lgmpc.demos import SUMMARIES, load_demo
 from lgmpc.demos.outcome import Demo, Outcome, Row
 from lgmpc.errors import InputError
 from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import json_values, reason_of
+from lgmpc.runs.tables import Table
 
 __all__ = ["list_demos", "show_demo"]
-
-_NARROWEST = 16
-"""Width of the names of quantities, in characters."""
 
 
 def list_demos() -> None:
     """Print name and summary of each demonstration."""
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, summary in SUMMARIES.items():
-        table.add_row(Text(name, "bold"), Text(summary))
-    out().print(table)
+    show_table(Table(("", ""), list(SUMMARIES.items())))
     out().print("next: lgmpc demo NAME", style="dim")
 
 
@@ -71,19 +64,9 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
 
 def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
     console = out()
-    headings = ("predicted", "measured", "off by", "allowed")
-    table = plain_table("quantity", *headings, "")
-    numbers = [_numbers(row) for row in outcome.rows]
-    marks = [Text("ok", "green") if row.agrees else Text("differs", "bold red") for row in outcome.rows]
-    taken = sum(2 + max(map(len, column)) for column in zip(headings, *numbers, strict=True))
-    room = max(console.width - taken - 2 - max(map(len, marks)), _NARROWEST)
-    for column in table.columns[1:-1]:
-        column.justify, column.no_wrap = "right", True
-    for row, cells, mark in zip(outcome.rows, numbers, marks, strict=True):
-        name = f"{row.quantity}, {row.unit}" if row.unit else row.quantity
-        lines = textwrap.fill(name, room, subsequent_indent="  ", break_on_hyphens=False)
-        table.add_row(lines, *cells, mark)
-    console.print(table)
+    rows = [_cells(row) for row in outcome.rows]
+    marks = ["good" if row.agrees else "bad" for row in outcome.rows]
+    show_table(Table(("quantity", "predicted", "measured", "off by", "allowed", ""), rows, marks))
     if outcome.details:
         console.print(Text(f"\n{outcome.details}\n"))
     for remark in outcome.remarks:
@@ -94,9 +77,15 @@ def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
         console.print(Text(f"wrote {path}"), style="dim")
 
 
-def _numbers(row: Row) -> tuple[str, str, str, str]:
-    off = f"{row.measured - row.predicted:.1e}"
-    return f"{row.predicted:.7g}", f"{row.measured:.7g}", off, f"{row.tolerance:.0e}"
+def _cells(row: Row) -> tuple[str, ...]:
+    name = f"{row.quantity}, {row.unit}" if row.unit else row.quantity
+    numbers = (
+        f"{row.predicted:.7g}",
+        f"{row.measured:.7g}",
+        f"{row.measured - row.predicted:.1e}",
+        f"{row.tolerance:.0e}",
+    )
+    return name, *numbers, "ok" if row.agrees else "differs"
 
 
 def _json(demo: Demo, outcome: Outcome) -> str:

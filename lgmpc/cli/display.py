@@ -1,4 +1,4 @@
-"""Progress on stderr, and the table of figures with their limits, of runs and solves."""
+"""Progress on stderr: bars on terminals, lines elsewhere; warnings."""
 
 from __future__ import annotations
 
@@ -13,13 +13,8 @@ from typing import Any, Generic, TypeVar
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
-from rich.table import Table
-from rich.text import Text
 
-from lgmpc.cli.screen import plain_table
-from lgmpc.runs.figures import figure_number, figure_words
-
-__all__ = ["Display", "Row", "counting_display", "figure_table", "progress_display", "warnings_on"]
+__all__ = ["Display", "counting_display", "progress_display", "warnings_on"]
 
 Step = TypeVar("Step")
 
@@ -148,55 +143,3 @@ def warnings_on(console: Console) -> Iterator[None]:
     finally:
         warnings.showwarning = before
         logger.removeHandler(handler)
-
-
-@dataclass(frozen=True)
-class Row:
-    """A line of the table.
-
-    Attributes:
-        words: name of the quantity.
-        unit: of the values; empty if they have none.
-        value: ``None`` or NaN if it was not measured.
-        limit: of the value, if any.
-        highest: whether the limit is the highest value allowed, not the lowest.
-    """
-
-    words: str
-    unit: str
-    value: float | None
-    limit: float | None = None
-    highest: bool = True
-
-    @classmethod
-    def of(cls, figure: str, value: float | None, limit: float | None = None, *, highest: bool = True) -> Row:
-        """Return the row of a figure, whose name determines words and unit: ``slip_m`` is "slip", in mm."""
-        words, unit, scale = figure_words(figure, value, limit)
-        shown = None if value is None else scale * value
-        return cls(words, unit, shown, None if limit is None else scale * limit, highest)
-
-    @property
-    def kept(self) -> bool:
-        """Whether the value is within its limit."""
-        if self.value is None or self.limit is None:
-            return False
-        return self.value <= self.limit if self.highest else self.value >= self.limit
-
-    def cells(self) -> tuple[str, str, str, Text]:
-        """Return the cells: name, measured, allowed, verdict."""
-        name = f"{self.words} / {self.unit}" if self.unit else self.words
-        shown = "-" if self.value is None else figure_number(self.value, self.unit, self.limit)
-        if self.limit is None:
-            return name, shown, "", Text()
-        mark = Text("ok", "green") if self.kept else Text("broken", "bold red")
-        return name, shown, f"{'<=' if self.highest else '>='} {self.limit:g}", mark
-
-
-def figure_table(rows: Iterable[Row]) -> Table:
-    """Return the table."""
-    table = plain_table("figure", "measured", "allowed", "")
-    for column in table.columns[1:3]:
-        column.justify = "right"
-    for row in rows:
-        table.add_row(*row.cells())
-    return table

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from lgmpc.cli.screen import err, out, plain_table, show_verdict
+from lgmpc.cli.screen import err, out, show_table, show_verdict
 from lgmpc.config import Config, Document, SolveConfig
 from lgmpc.config.extensions import own_costs, own_tasks
 from lgmpc.config.robots import build_robot
@@ -23,9 +22,8 @@ from lgmpc.problems import Scenario
 from lgmpc.robot import Robot
 from lgmpc.runs import Verdict
 from lgmpc.runs.atomic import atomic_write
-from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
-from lgmpc.runs.limited import Nearest
+from lgmpc.runs.tables import Table, events_table, margins_table
 from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
 
 if TYPE_CHECKING:
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["copy_config", "explain_shown", "list_configs", "notes_on", "print_schema", "show_checked", "show_diagnosis"]
 
-_STYLES = {EventKind.CAUSE: "bold", EventKind.MODE: "dim", EventKind.BALANCE: "red", EventKind.SOLVER: "red"}
 _NEAREST = 8
 _WIDTH = 28
 """Width of the names of checks, in characters."""
@@ -60,10 +57,7 @@ def show_checked(config: Config | SolveConfig) -> None:
 
 def _show(config: Document, lines: Lines, notes: Sequence[str]) -> None:
     console = out()
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, words in lines:
-        table.add_row(name, words)
-    console.print(table)
+    show_table(Table(("", ""), list(lines)))
     for note in notes:
         console.print(Text.assemble(("note: ", "yellow"), note))
     console.print(Text.assemble(("OK", "bold green"), f"  {config.source.file}"))
@@ -227,31 +221,9 @@ def _show_explanation(console: Console, explanation: Explanation | SolveExplanat
         console.print(Text(f"  - {sentence}"))
     if isinstance(explanation, Explanation):
         if explanation.events:
-            console.print(_chain(event_lines(explanation.events), explanation.failed_s, explanation.failure))
+            show_table(events_table(explanation.events, explanation.failed_s, explanation.failure))
         if explanation.earlier:
             counts = (f"{count} x {name}" for name, count in explanation.earlier.items())
             console.print(Text(f"earlier: {', '.join(counts)}", "dim"))
     if explanation.nearest:
-        console.print(_margins(explanation.nearest[:_NEAREST]))
-
-
-def _chain(lines: Sequence[EventLine], failed_s: float | None, failure: str) -> Table:
-    """Return the table of events, with the failure among them."""
-    rows = [
-        (each.start_s, f"{1e3 * each.lasting_s:.0f}", each.kind.value, each.words, _STYLES.get(each.kind, ""), "")
-        for each in lines
-    ]
-    if failed_s is not None:
-        before = sum(each.start_s <= failed_s for each in lines)
-        rows.insert(before, (failed_s, "", "FAILURE", failure, "bold red", "bold red"))
-    table = plain_table("at / s", "lasts / ms", "what", "")
-    for start_s, lasts, kind, words, *styles in rows:
-        table.add_row(f"{start_s:.3f}", lasts, Text(kind, styles[0]), Text(words, styles[1]))
-    return table
-
-
-def _margins(nearest: Sequence[Nearest]) -> Table:
-    table = plain_table("nearest to its limit", "where", "at / s", "value", "limit", "margin")
-    for each in nearest:
-        table.add_row(*each.cells, style="red" if each.broken else "")
-    return table
+        show_table(margins_table(explanation.nearest[:_NEAREST]))

@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
-from lgmpc.cli.display import Display, Row, figure_table, progress_display, warnings_on
-from lgmpc.cli.screen import err, out, print_result, show_next, show_verdict
+from lgmpc.cli.display import Display, progress_display, warnings_on
+from lgmpc.cli.screen import err, out, print_result, show_next, show_table, show_verdict
 from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
 from lgmpc.config.session import Iteration, Progress, stop_signals
 from lgmpc.errors import InputError, Interrupted
-from lgmpc.runs import Gate, Metrics, Outcome, find_run, measured
+from lgmpc.runs import Metrics, Outcome, find_run, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.metrics import timing
+from lgmpc.runs.tables import limits_table
 
 if TYPE_CHECKING:
     from lgmpc.hardware import Deployment
@@ -76,7 +77,8 @@ def _show_run(run: FinishedRun, *, quiet: bool) -> None:
     """Print the figures, the verdict, and the commands for the saved run."""
     console, metrics, gate = out(), run.session.metrics, run.config.gate
     if metrics is not None and not quiet:
-        console.print(figure_table([*_limited(metrics, gate), *_always_shown(metrics)]))
+        limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
+        show_table(limits_table(limited, _always_shown(metrics)))
     show_verdict(console, run.session.verdict, run.result.name)
     if not quiet:
         if run.result.origin is not None:
@@ -98,25 +100,24 @@ def _certified(certificate: Certificate) -> Text:
     return Text(f"not certified: {'; '.join(map(str, certificate.broken))}", "yellow")
 
 
-def _limited(metrics: Metrics, gate: Gate) -> Iterator[Row]:
-    for name, limit in gate.limits.items():
-        yield Row.of(figure_of(name), measured(metrics, name), limit, highest=name.startswith("max_"))
-
-
-def _always_shown(metrics: Metrics) -> Iterator[Row]:
-    estimator = metrics.estimator
-    rows = (
-        Row("survived", "s", metrics.survived_s),
-        Row("MPC update p50", "ms", metrics.mpc_ms.p50 if metrics.mpc_ms else None),
-        Row("whole-body tick p50", "ms", metrics.wbc_ms.p50 if metrics.wbc_ms else None),
-        Row("estimator tick p50", "ms", metrics.estimator_ms.p50 if metrics.estimator_ms else None),
-        Row("step forecasts p50", "ms", metrics.forecast_ms.p50 if metrics.forecast_ms else None),
-        Row("estimated position off by", "mm", 1e3 * estimator.max_position_m if estimator else None),
-        Row("estimated tilt off by", "deg", estimator.max_tilt_deg if estimator else None),
-        Row("estimated yaw off by", "deg", estimator.max_yaw_deg if estimator else None),
-        Row("real-time factor", "", metrics.real_time_factor),
-    )
-    return (row for row in rows if row.value is not None)
+def _always_shown(metrics: Metrics) -> Iterator[tuple[str, float]]:
+    """Yield name and value of the figures that are shown whether the gate limits them or not."""
+    timings = {
+        "mpc": metrics.mpc_ms,
+        "wbc": metrics.wbc_ms,
+        "estimator": metrics.estimator_ms,
+        "forecast": metrics.forecast_ms,
+    }
+    off = metrics.estimator
+    figures = {
+        "survived_s": metrics.survived_s,
+        **{f"{name}_p50_ms": each.p50 if each else None for name, each in timings.items()},
+        "estimated_position_off_by_m": off.max_position_m if off else None,
+        "estimated_tilt_off_by_deg": off.max_tilt_deg if off else None,
+        "estimated_yaw_off_by_deg": off.max_yaw_deg if off else None,
+        "real_time_factor": metrics.real_time_factor,
+    }
+    return ((name, value) for name, value in figures.items() if value is not None)
 
 
 @contextmanager
@@ -152,7 +153,7 @@ def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_j
         print_result(finished.folder.path, finished.result)
         return finished.exit_code
     if not quiet:
-        out().print(figure_table(_link(deployment)))
+        show_table(limits_table((), _link(deployment).items()))
     _show_run(finished, quiet=quiet)
     return finished.exit_code
 
@@ -170,27 +171,27 @@ def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> int
             lock_step=lock_step,
             notify=lambda message: console.print(message, markup=False),
         )
-    rows = [
-        Row("simulated", "s", float(served.time[-1])),
-        Row("largest tilt", "deg", served.max_tilt_deg),
-        Row("displacement at the end", "mm", 1e3 * served.final_displacement_m),
-        Row("ticks behind the clock", "", float(served.behind)),
-        Row("ticks without a command", "", float(served.unanswered)),
-    ]
-    out().print(figure_table(rows))
+    figures = {
+        "simulated_s": float(served.time[-1]),
+        "largest_tilt_deg": served.max_tilt_deg,
+        "displacement_at_the_end_m": served.final_displacement_m,
+        "ticks_behind_the_clock": served.behind,
+        "ticks_without_a_command": served.unanswered,
+    }
+    show_table(limits_table((), figures.items()))
     out().print(f"the robot ended: {served.ending}", markup=False)
     return 0 if served.signal is None else Interrupted(served.signal).exit_code
 
 
-def _link(deployment: Deployment) -> list[Row]:
+def _link(deployment: Deployment) -> dict[str, float]:
     spent = timing(1e3 * deployment.spent)
-    return [
-        Row("measurements answered", "", float(deployment.ticks)),
-        Row("measurements overtaken", "", float(deployment.overtaken)),
-        Row("measurements missing", "", float(deployment.missing)),
-        Row("commands late", "", float(deployment.late)),
-        *([Row("command after p50", "ms", spent.p50), Row("command after p99", "ms", spent.p99)] if spent else []),
-    ]
+    return {
+        "measurements_answered": deployment.ticks,
+        "measurements_overtaken": deployment.overtaken,
+        "measurements_missing": deployment.missing,
+        "commands_late": deployment.late,
+        **({"command_p50_ms": spent.p50, "command_p99_ms": spent.p99} if spent else {}),
+    }
 
 
 def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool) -> int:
@@ -208,22 +209,15 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
 def _show_solve(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
     console, outcome = out(), finished.outcome
     if not quiet:
-        console.print(figure_table(_figure_rows(outcome.figures, config.gate.bounds)))
+        figures, bounds = outcome.figures, config.gate.bounds
+        bounded = set(map(figure_of, bounds))
+        others = [each for each in figures.items() if each[0] not in bounded and not math.isnan(each[1])]
+        show_table(limits_table([(key, figures[figure_of(key)], limit) for key, limit in bounds.items()], others))
     if outcome.explanation and not (quiet and outcome.converged) and outcome.verdict.outcome is not Outcome.INTERRUPTED:
         console.print(Text(outcome.explanation))
     show_verdict(console, outcome.verdict, finished.result.name)
     if not quiet:
         show_next(console, finished.folder.path)
-
-
-def _figure_rows(figures: Mapping[str, float], bounds: Mapping[str, float]) -> Iterator[Row]:
-    """Return the rows of all figures: those with bounds first, a row for each bound."""
-    for bound, limit in bounds.items():
-        yield Row.of(figure_of(bound), figures[figure_of(bound)], limit, highest=bound.startswith("max_"))
-    bounded = set(map(figure_of, bounds))
-    for figure, value in figures.items():
-        if figure not in bounded and not math.isnan(value):
-            yield Row.of(figure, value)
 
 
 Columns = Mapping[str, Callable[[Iteration], str]]

@@ -9,6 +9,7 @@ import errno
 import functools
 import json
 import os
+import re
 import shlex
 import sys
 import tempfile
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING, ParamSpec, TextIO
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
 
 from lgmpc import __version__
@@ -29,14 +30,18 @@ from lgmpc.errors import ConfigError, Interrupted, LgmpcError, ModelError, legib
 
 if TYPE_CHECKING:
     from lgmpc.runs import RunResult, SolveResult, Verdict
+    from lgmpc.runs.tables import Table
 
-__all__ = ["err", "guarded", "out", "plain_table", "print_result", "show_next", "show_page", "show_verdict"]
+__all__ = ["err", "guarded", "out", "print_result", "show_next", "show_page", "show_table", "show_verdict"]
 
 MOST_PROBLEMS = 10
 """Largest number of printed problems of one config."""
 
 MOST_LINES = 20
 """Largest number of lines of 80 characters of all printed problems of one config."""
+
+_STYLES = {"": "", "good": "", "bad": "red", "strong": "bold", "weak": "dim"}
+_NUMBER = re.compile(r"([<>]=? )?-?[0-9.]*(e[+-][0-9]+)?( %)?")
 
 ISSUES_URL = "the project's issue tracker"
 
@@ -74,12 +79,16 @@ def err() -> Console:
     return _Console(stderr=True, highlight=False, soft_wrap=True)
 
 
-def plain_table(*headings: str) -> Table:
-    """Return an empty table without lines, whose columns wrap their text."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for heading in headings:
-        table.add_column(heading, overflow="fold")
-    return table
+def show_table(table: Table) -> None:
+    """Print a table without lines: columns of numbers to the right, rows in the style of their marks."""
+    shown = RichTable(box=None, padding=(0, 2, 0, 0), header_style="dim", show_header=any(table.headings))
+    for heading, *cells in zip(table.headings, *table.rows, strict=True):
+        right = any(cells) and all(map(_NUMBER.fullmatch, cells))
+        shown.add_column(Text(heading), overflow="fold", justify="right" if right else "left", no_wrap=right)
+    for row, mark in zip(table.rows, table.marks or [""] * len(table.rows), strict=True):
+        last = Text(row[-1], "green" if mark == "good" else "")
+        shown.add_row(*map(Text, row[:-1]), last, style=_STYLES[mark])
+    out().print(shown)
 
 
 def _show_error(error: LgmpcError) -> None:

@@ -1,4 +1,4 @@
-"""``lgmpc sweep``, ``ablate``, ``tune`` and ``compare``: progress of many runs, and the tables of their results."""
+"""``lgmpc sweep``, ``tune`` and ``compare``: progress of many runs, and the tables of their results."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ from rich.console import Console
 from rich.text import Text
 
 from lgmpc.cli.display import counting_display
-from lgmpc.cli.screen import err, out, plain_table
+from lgmpc.cli.screen import err, out, show_table
 from lgmpc.errors import Interrupted
 from lgmpc.runs import atomic_write, find_run, versions
 from lgmpc.runs.atomic import json_values
-from lgmpc.runs.figures import figure_words
+from lgmpc.runs.tables import Table
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
-from lgmpc.sweeps.ablation import COMPLETE, Worth, ablation_sweep, worths
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
@@ -33,12 +32,9 @@ if TYPE_CHECKING:
     from lgmpc.sweeps.study import Tuned
     from lgmpc.sweeps.tuning import Score, TuningProblem
 
-__all__ = ["Job", "ablate_shown", "compare_shown", "sweep_shown", "tune_shown"]
+__all__ = ["Job", "compare_shown", "sweep_shown", "tune_shown"]
 
 _MOST_REASONS = 5
-_ABLATION, _CHANGES = "ablation.json", 3
-_OF_LIMIT, _OF_ITSELF = 0.02, 0.2
-"""Smallest worsening displayed, as a share of the gate's limit; of the complete value where there is no limit."""
 
 
 @dataclass(frozen=True)
@@ -91,10 +87,7 @@ def _show_sweep(
 ) -> None:
     if not quiet:
         for table in summary_tables(summary, finished.sweep.settings.metrics):
-            shown = plain_table(*table.headings)
-            for row in table.rows:
-                shown.add_row(*row)
-            console.print(shown)
+            show_table(table)
         search = search_words(finished.sweep, finished.rows)
         if search:
             console.print(Text(search, "dim"))
@@ -113,50 +106,6 @@ def _show_sweep(
         rate = "" if speed is None else f"; {speed:.2f} simulated seconds per second and core"
         files = ", ".join(["results.jsonl", SUMMARY, *([figure.name] if figure else [])])
         console.print(Text(f"saved in {finished.folder} ({files}){rate}"), style="dim")
-
-
-def ablate_shown(config: Path, keys: Sequence[str], overrides: Sequence[str], job: Job, seeds: int) -> int:
-    """Run the ablation, print its table, and return the exit code: 0 if all that was run has a verdict."""
-    sweep, parts = ablation_sweep(config, keys, overrides, seeds=seeds)
-    finished = _swept(sweep, job)
-    if finished.signal is not None:
-        out().print(Text("INTERRUPTED  the same command with --resume continues", "bold yellow"))
-        return Interrupted(finished.signal).exit_code
-    found, summary = worths(sweep, finished.rows, parts), finished.summary
-    complete = next(group for group in summary.groups if group.labels.get("variant") == COMPLETE).passed
-    content = {"complete": json_values(asdict(complete)), "parts": [json_values(asdict(each)) for each in found]}
-    _write(finished.folder / _ABLATION, content)
-    if job.as_json:
-        print(json.dumps({"folder": str(finished.folder), **content}, indent=2))
-    else:
-        _show_worths(out(), found, complete.value)
-        for reason, count in summary.broken.items():
-            out().print(Text(f"{count} x {reason}", "yellow"))
-        if not job.quiet:
-            out().print(Text(f"saved in {finished.folder} ({_ABLATION}, results.jsonl)", "dim"))
-    return 1 if summary.broken else 0
-
-
-def _show_worths(console: Console, found: Sequence[Worth], complete: float) -> None:
-    table = plain_table("without", "description", "passed", "what gets worse (complete, without it, limit)")
-    table.add_row("nothing", "the complete controller", f"{100.0 * complete:.3g} %", "", style="bold")
-    for each in found:
-        passed = "-" if math.isnan(each.passed.value) else f"{100.0 * each.passed.value:.3g} %"
-        worse = [
-            _change_words(change)
-            for change in each.changes
-            if (change.worsening or 0.0) >= (_OF_ITSELF if change.limit is None else _OF_LIMIT)
-        ]
-        words = Text("; ".join(worse[:_CHANGES]) or "nothing significant")
-        table.add_row(Text(each.part.name), each.part.words, Text(passed, "red" if each.lost > 0.0 else ""), words)
-    console.print(table)
-
-
-def _change_words(change: Quantity) -> str:
-    name, unit, scale = figure_words(change.name.rpartition(".")[2])
-    limit = "" if change.limit is None else f", limit {scale * change.limit:.3g}"
-    first, second = scale * (change.first or 0.0), scale * (change.second or 0.0)
-    return f"{name} {first:.3g} became {second:.3g} {unit}".rstrip() + limit
 
 
 def tune_shown(
@@ -210,13 +159,11 @@ def _interrupted(error: Interrupted, trials: int) -> int:
 
 def _show_tuned(console: Console, problem: TuningProblem, found: Tuned) -> None:
     first, second, difference = found.initial_held_out, found.best_held_out, found.difference
-    table = plain_table("", "initial", f"best (trial {found.trial} of {found.trials})")
-    for each in problem.dimensions:
-        table.add_row(each.key, level_text(each.value(each.initial)), level_text(found.values[each.key]))
+    rows = [(e.key, level_text(e.value(e.initial)), level_text(found.values[e.key])) for e in problem.dimensions]
     name = problem.objective
-    table.add_row(f"{name}, {len(problem.tuned.points)} tuned points", str(found.initial), str(found.best))
-    table.add_row(f"{name}, {len(problem.held_out.points)} held-out points", _score(first), _score(second))
-    console.print(table)
+    rows.append((f"{name}, {len(problem.tuned.points)} tuned points", str(found.initial), str(found.best)))
+    rows.append((f"{name}, {len(problem.held_out.points)} held-out points", _score(first), _score(second)))
+    show_table(Table(("", "initial", f"best (trial {found.trial} of {found.trials})"), rows))
     if difference is not None:
         console.print(Text(f"mean difference in pairs on the held-out points: {difference}"))
     if found.initial == first and found.best == second:
@@ -252,33 +199,27 @@ def _show_comparison(console: Console, found: Comparison, *, quiet: bool) -> Non
     if not quiet:
         console.print(Text(f"A  {found.first}\nB  {found.second}", "dim"))
         if found.differences:
-            table = plain_table("key", "A", "B")
-            for each in found.differences:
-                table.add_row(each.key, _value(each.first), _value(each.second))
-            console.print(table)
+            show_table(
+                Table(("key", "A", "B"), [tuple(map(_value, vars(each).values())) for each in found.differences])
+            )
         else:
             console.print("the configs are the same", style="dim")
-        table = plain_table("quantity", "A", "B", "B - A", "")
-        for quantity in found.quantities:
-            table.add_row(*_cells(quantity))
-        console.print(table)
+        marks = ["bad" if each.worse else "" if each.worsening is None else "good" for each in found.quantities]
+        show_table(Table(("quantity", "A", "B", "B - A", ""), [*map(_cells, found.quantities)], marks))
     word, style = ("WORSE", "bold red") if found.worse else ("NOT WORSE", "bold green")
     console.print(Text.assemble((word, style), f"  B, beyond a margin of {100.0 * found.margin:g} %"))
     for reason in found.reasons:
         console.print(Text(f"  - {reason}"))
 
 
-def _cells(quantity: Quantity) -> tuple[str, str, str, str, Text]:
-    change, mark = "-", Text()
+def _cells(quantity: Quantity) -> tuple[str, ...]:
+    first, second, change = quantity.first, quantity.second, "-"
     if quantity.difference is not None:
         change = str(quantity.difference)
-    elif quantity.first is not None and quantity.second is not None:
-        change = f"{quantity.second - quantity.first:+.3g}"
-    if quantity.worse:
-        mark = Text("worse", "bold red")
-    elif quantity.worsening is not None:
-        mark = Text("ok", "green")
-    return quantity.name, _value(quantity.first), _value(quantity.second), change, mark
+    elif first is not None and second is not None:
+        change = f"{second - first:+.3g}"
+    judged = "worse" if quantity.worse else "" if quantity.worsening is None else "ok"
+    return quantity.name, _value(first), _value(second), change, judged
 
 
 def _value(value: object) -> str:

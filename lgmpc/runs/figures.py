@@ -32,7 +32,7 @@ _UNITS = {
 }
 """Unit at the end of a figure's name, unit of display, and factor from the first to the second."""
 
-_ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RMSE", "RPY", "ZMP")}
+_ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RMSE", "RPY", "WBC", "ZMP")}
 
 _SIGNED = ("clearance", "cost", "distance", "force", "height", "lost", "margin", "rise")
 """Last words, before the unit, of figures that can be negative."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lgmpc.runs.atomic import Number
-from lgmpc.runs.figures import figure_number, figure_of, figure_words
+from lgmpc.runs.figures import figure_of, figure_words, short_number
 from lgmpc.runs.gate import Gate, measured
 from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.metrics import Metrics, slide
@@ -124,19 +124,14 @@ class Nearest:
         """Whether the run failed because of it."""
         return self.judged and self.margin < 0.0
 
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """Quantity with its unit, subject, time, value, limit and margin as the cells of a table."""
-        name = f"{self.name} / {self.unit}" if self.unit else self.name
-        when = "" if self.time_s is None else f"{self.time_s:.3f}"
-        return (name, self.subject, when, *map(figure_number, (self.value, self.limit, self.margin)))
-
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
         where = f" of {self.subject}" if self.subject else ""
         when = "" if self.time_s is None else f" at {self.time_s:.3f} s"
-        limit = f", limit {self.limit:.3g}{unit}" if self.limit < math.inf else ""
-        return f"{self.name}{where}: {self.value:.3g}{unit}{when}{limit}"
+        if self.limit == math.inf:
+            return f"{self.name}{where}: {self.value:.3g}{unit}{when}"
+        shown, limit = short_number(self.value, self.limit)
+        return f"{self.name}{where}: {shown}{unit}{when}, limit {limit}{unit}"
 
 
 @dataclass(frozen=True)

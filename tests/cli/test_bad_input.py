@@ -9,7 +9,8 @@ from rich.text import Text
 from typer.testing import CliRunner
 
 from lgmpc.cli.app import app
-from lgmpc.cli.screen import out, plain_table
+from lgmpc.cli.screen import out, show_table
+from lgmpc.runs.tables import Table
 
 from .conftest import BALANCE, Invoke
 
@@ -215,16 +216,15 @@ def test_a_config_from_a_pipe_is_read(invoke: Invoke, tmp_path: Path) -> None:
     assert code == 0
 
 
-def test_names_of_a_config_do_not_command_the_terminal(invoke: Invoke, tmp_path: Path) -> None:
+def test_names_of_a_config_do_not_command_the_terminal(
+    invoke: Invoke, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     config = tmp_path / "red.yaml"
     config.write_text('"key\\e[31m": 1\nname: x\nrobot: {model: solo12, "key\\e[2J": 1}\n', encoding="utf-8")
     code, output = invoke("check", config)
     assert code == 2
     assert "\x1b" not in output and r"robot.key\x1b[2J" in output
-    console = out()
-    table = plain_table("figure")
-    table.add_row("max\x1b]0;title\x07")
-    with console.capture() as shown:
-        console.print(table)
-        console.print(Text("a\x1b[1mb"), style="red")
-    assert "\x1b]" not in shown.get() and r"max\x1b]0" in shown.get() and r"a\x1b[1mb" in shown.get()
+    show_table(Table(("figure",), [("max\x1b]0;title\x07",)]))
+    out().print(Text("a\x1b[1mb"), style="red")
+    shown = capsys.readouterr().out
+    assert "\x1b]" not in shown and r"max\x1b]0" in shown and r"a\x1b[1mb" in shown

@@ -22,7 +22,7 @@ def test_a_fall_is_explained_in_words_as_a_figure_and_as_json(
     assert "after the beginning of: push of 7 N.s [0, 7, 0] for 200 ms" in output
     assert "first sign, at 0.2" in output
     lines = output.splitlines()
-    kinds = [line.split()[2] for line in lines if line[:1].isdigit() and len(line.split()) > 2]
+    kinds = [line.split()[2] for line in map(str.strip, lines) if line[:1].isdigit() and len(line.split()) > 2]
     assert kinds[0] == "cause" and {"limit", "balance", "contact"} <= set(kinds)
     assert sum("FAILURE" in line for line in lines) == 1
     figure = Path(lines[-2].removeprefix("wrote "))

@@ -213,3 +213,8 @@ def test_what_is_not_a_number_is_not_kept_and_comes_back_from_json(certified: Ce
     assert RunResult.from_json(replace(result, certificate=whole).to_json()).certificate == whole
     del content["certificate"]
     assert RunResult.from_json(json.dumps(content)).certificate is None
+
+
+def test_a_value_just_beyond_its_limit_is_shown_with_enough_digits() -> None:
+    told = str(Nearest("joint position", "FL_HAA", 0.453, -0.90003, "rad", -0.9, -3e-5))
+    assert told == "joint position of FL_HAA: -0.90003 rad at 0.453 s, limit -0.9 rad"

@@ -16,7 +16,6 @@ from lgmpc.actions.contacts import Contact, ContactSet
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.costs import Bounded, Parameter
 from lgmpc.errors import InputError
-from lgmpc.lie.symbolic import se3
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import StateMultibody
 from lgmpc.typing import instance, numbers
@@ -211,82 +210,41 @@ class ContactForwardDynamics(Dynamics):
 class FreeForwardDynamics(Dynamics):
     """No contacts; generalised forces ``B u - linear drag v - quadratic drag |v| v``, entry by entry.
 
-    For an arm (B = identity), a quadrotor (B from the thrusters, see :func:`lgmpc.actions.thrusters`) and a submerged
-    body (B = identity: u is its wrench; with drag, buoyancy and added mass).
+    For an arm (B = identity) and a quadrotor (B from the thrusters, see :func:`lgmpc.actions.thrusters`).
 
-    Parameters: ``drag_linear``, ``drag_quadratic`` (nv,); if submerged also ``added_mass`` (6,) and ``buoyancy`` (3,),
-    a force on the first joint's body, world axes, at ``buoyancy_center`` (3,) in that body's frame. The added mass
-    brings the momentum term of Kirchhoff's equations, ``v x* (m_a v)`` (Lamb, Hydrodynamics, 1932; Fossen 2011).
+    Parameters: ``drag_linear``, ``drag_quadratic`` (nv,).
 
     Args:
         model: the robot.
         actuation: (nv, nu) B; unless given, the identity on the actuated joints.
-        submerged: whether there are added mass and buoyancy; the model's first joint is then a free-flyer.
 
     Raises:
-        InputError: a matrix of the wrong shape, or a submerged robot without free base.
+        InputError: a matrix of the wrong shape.
         ModelError: unsupported joints.
     """
 
-    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None, submerged: bool = False) -> None:
-        floating, nv = actuated(model).start > 0, int(model.nv)
-        instance("submerged", submerged, bool, "True or False")
-        if submerged and not floating:
-            raise InputError("submerged", "a model with a fixed base", "a model whose first joint is a free-flyer")
+    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None) -> None:
         self.actuation = _actuation(model, actuation)
-        self.submerged = submerged
-        parameters: tuple[Parameter, ...] = (
+        nv, nu = self.actuation.shape
+        parameters = (
             Parameter("drag_linear", nv, "generalised drag force per velocity"),
             Parameter("drag_quadratic", nv, "generalised drag force per squared velocity"),
         )
-        if submerged:
-            parameters += (
-                Parameter("added_mass", 6, "added mass of the fluid, body axes, kg and kg.m2"),
-                Parameter("buoyancy", 3, "buoyant force, world axes, N"),
-                Parameter("buoyancy_center", 3, "centre of buoyancy, body frame, m"),
-            )
-        super().__init__(model, self.actuation.shape[1], parameters)
+        super().__init__(model, nu, parameters)
 
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
         """Return the accelerations."""
-        robot = self.robot
-        effort = self.forces(q, v, u, values) + self._kirchhoff(v, values)
-        factor = type(robot.mass_factor(q))(self.mass_matrix(q, values))
-        added = self._added(values)
+        robot, effort = self.robot, self.forces(v, u, values)
 
         def residual(a: Any) -> Any:
-            return robot.rnea(q, v, a) + added * a - effort
+            return robot.rnea(q, v, a) - effort
 
-        a = unknowns.define_linear(factor, effort - robot.nle(q, v), residual)
-        joints = actuated(self.model)
-        return Motion(a, (self.actuation @ u)[joints])
+        a = unknowns.define_linear(robot.mass_factor(q), effort - robot.nle(q, v), residual)
+        return Motion(a, (self.actuation @ u)[actuated(self.model)])
 
-    def mass_matrix(self, q: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nv, nv) the mass matrix, with the added mass."""
-        mass = self.robot.crba(q)
-        if self.submerged:
-            mass[:6, :6] += ca.diag(values["added_mass"])
-        return mass
-
-    def forces(self, q: Any, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nv,) the generalised forces other than gravity and inertial forces, the fluid's included."""
-        effort = self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
-        if not self.submerged:
-            return effort
-        lift = self.robot.joint_placement(q, 1).rotation.T @ values["buoyancy"]
-        base = ca.vertcat(lift, ca.cross(values["buoyancy_center"], lift))
-        return effort + ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
-
-    def _kirchhoff(self, v: Any, values: Mapping[str, Any]) -> Any:
-        """Return (nv,) the momentum term of the added mass in the moving frame, ``-v x* (m_a v)``."""
-        if not self.submerged:
-            return ca.SX(self.robot.nv, 1)
-        base = se3.coadjoint(v[:6]) @ (values["added_mass"] * v[:6])
-        return ca.vertcat(base, ca.SX(self.robot.nv - 6, 1))
-
-    def _added(self, values: Mapping[str, Any]) -> Any:
-        nv = self.robot.nv
-        return ca.vertcat(values["added_mass"], ca.SX(nv - 6, 1)) if self.submerged else ca.SX(nv, 1)
+    def forces(self, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
+        """Return (nv,) the generalised forces other than gravity and inertial forces."""
+        return self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
 
 
 class FreeInverseDynamics(Dynamics):

@@ -122,12 +122,12 @@ class Variational(Integrator):
             raise InputError("integrator", "Variational", "one for contacts (SemiImplicitEuler, RungeKutta4)")
         robot, h = dynamics.robot, values["duration"]
         groups = _Groups(robot)
-        midpoint = _midpoint(dynamics, values)
+        midpoint = _midpoint(robot)
         motion = dynamics.motion(q, v, u, values, unknowns)
-        momentum = dynamics.mass_matrix(q, values) @ v
+        momentum = robot.crba(q) @ v
 
         def force(here: Any, xi: Any) -> Any:
-            return dynamics.forces(here, xi, u, values) - robot.gravity(here)
+            return dynamics.forces(xi, u, values) - robot.gravity(here)
 
         def residual(xi: Any) -> Any:
             moved, pull = midpoint(robot.integrate(q, h / 2 * xi), xi)
@@ -152,15 +152,13 @@ class Variational(Integrator):
         pull = midpoint(robot.integrate(q, x / 2), xi)[1]
         before = momentum + h / 2 * force(q, xi) + h / 2 * groups.left_inverse(x, groups.left(x / 2, pull))
         after = groups.carried(x, before) + h / 2 * groups.right_inverse(x, groups.right(x / 2, pull))
-        factor = type(robot.mass_factor(q))(dynamics.mass_matrix(q_next, values))
-        return ca.vertcat(q_next, factor.solve(after + h / 2 * force(q_next, xi))), motion
+        return ca.vertcat(q_next, robot.mass_factor(q_next).solve(after + h / 2 * force(q_next, xi))), motion
 
 
-def _midpoint(dynamics: FreeForwardDynamics, values: Mapping[str, Any]) -> Callable[[Any, Any], tuple[Any, Any]]:
+def _midpoint(robot: SymbolicModel) -> Callable[[Any, Any], tuple[Any, Any]]:
     """Return the function from (q, xi) to the momentum ``M xi`` and the derivative (nv,) of T by q."""
-    robot = dynamics.robot
     q, xi, step = ca.SX.sym("q", robot.nq), ca.SX.sym("xi", robot.nv), ca.SX.sym("step", robot.nv)
-    momentum = dynamics.mass_matrix(q, values) @ xi
+    momentum = robot.crba(q) @ xi
     tangent = ca.substitute(ca.jacobian(robot.integrate(q, step), step), step, ca.SX.zeros(robot.nv))
     pull = tangent.T @ ca.jacobian(0.5 * ca.dot(xi, momentum), q).T
 

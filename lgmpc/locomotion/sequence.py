@@ -19,7 +19,7 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.robot import ContactPhase, ContactSchedule, Robot
+from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray
 
@@ -207,13 +207,6 @@ class GaitSequence:
     def duration(self) -> float:
         """Duration of all phases, s."""
         return float(self.switches[-1])
-
-    def schedule(self) -> ContactSchedule:
-        """Return the contact schedule."""
-        every = frozenset(self.feet)
-        return ContactSchedule(
-            self.feet, tuple(ContactPhase(p.duration_s, every.difference(p.air)) for p in self.phases)
-        )
 
     def swings(self, foot: str) -> tuple[FootSwing, ...]:
         """Return the swings of a foot in order of time; one that spans several phases is as high as the highest.

@@ -1,7 +1,6 @@
 """Robots: loading, checking, and symbolic rigid-body algorithms over any ``pin.Model``."""
 
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, place_shape, shape_of
-from lgmpc.robot.contacts import ContactPhase, ContactSchedule, Swing
 from lgmpc.robot.legs import leg_chain, leg_clearances, leg_joints, leg_normals, upper_body_joints
 from lgmpc.robot.loading import load_robot
 from lgmpc.robot.model import ModelSource, Robot
@@ -17,12 +16,9 @@ __all__ = [
     "FootPoints",
     "FootSpec",
     "Sphere",
-    "ContactPhase",
-    "ContactSchedule",
     "ModelSource",
     "Robot",
     "RobotSpec",
-    "Swing",
     "available_models",
     "upper_body_joints",
     "leg_chain",

@@ -13,10 +13,8 @@ import pytest
 from lgmpc.actions import ContactForwardDynamics, FreeForwardDynamics, MultibodyAction, RungeKutta4, Variational
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
-from lgmpc.mechanics.integrators import discrete_euler_poincare
-from lgmpc.mechanics.rigid_body import SpatialInertia
-from lgmpc.mechanics.underwater import UnderwaterVehicle
 from lgmpc.ocp import check_derivatives
+from lgmpc.state import difference_symbolic
 
 
 def robot(shoulder: pin.JointModel, gravity: float = 9.81) -> pin.Model:
@@ -155,7 +153,7 @@ def test_the_step_is_symplectic(model: pin.Model) -> None:
     eta, p = ca.SX.sym("eta", nv), ca.SX.sym("p", nv)
     q = symbolic.integrate(ca.DM(q0), eta)
     x = action.step(ca.vertcat(q, ca.solve(symbolic.crba(q), p)), ca.SX.zeros(nv), ca.DM(values))
-    out = ca.vertcat(symbolic.difference(ca.DM(q1), x[:nq]), symbolic.crba(x[:nq]) @ x[nq:])
+    out = ca.vertcat(difference_symbolic(model, ca.DM(q1), x[:nq]), symbolic.crba(x[:nq]) @ x[nq:])
     function = ca.Function("D", [eta, p], [ca.jacobian(out, ca.vertcat(eta, p)), out[nv:]])
     before = mass(model, q0) @ v0
     slope, after = (value.full() for value in function(np.zeros(nv), before))
@@ -168,35 +166,6 @@ def test_the_step_is_symplectic(model: pin.Model) -> None:
         return np.block([[bracket, np.eye(nv)], [-np.eye(nv), np.zeros((nv, nv))]])
 
     np.testing.assert_allclose(slope.T @ form(after.ravel()) @ slope, form(before), rtol=0, atol=1e-11)
-
-
-@pytest.mark.usefixtures("interpreted")
-def test_a_submerged_body_moves_as_by_the_discrete_euler_poincare_equations() -> None:
-    inertia, center = np.diag([0.16, 0.2, 0.25]), np.array([0.02, -0.01, -0.05])
-    model = pin.Model()
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-    model.appendBodyToJoint(root, pin.Inertia(11.5, center, inertia), pin.SE3.Identity())
-    model.gravity = pin.Motion(np.r_[0, 0, -9.81, 0, 0, 0])
-    added, drag, rub = np.array([5.5, 12.7, 14.6, 0.12, 0.13, 0.14]), np.full(6, 4.0), np.full(6, 2.0)
-    dynamics = FreeForwardDynamics(model, np.eye(6), submerged=True)
-    action = MultibodyAction("vehicle", dynamics, integrator=Variational(8))
-    p = action.parameters.default.copy()
-    for name, value in (
-        ("duration", 0.02),
-        ("drag_linear", drag),
-        ("drag_quadratic", rub),
-        ("added_mass", added),
-        ("buoyancy", [0.0, 0.0, 115.0]),
-        ("buoyancy_center", [0.0, 0.01, 0.03]),
-    ):
-        p[action.parameters[name]] = value
-    body = SpatialInertia(11.5, center, inertia)
-    vehicle = UnderwaterVehicle(body, added, drag, rub, 115.0, np.array([0.0, 0.01, 0.03]))
-    pose, nu = se3.exp([0.1, 0.2, -0.3, 0.5, -0.4, 0.3]), np.array([1.0, 0.3, -0.2, 0.4, -0.5, 0.6])
-    motion = vehicle.system().simulate(pose, nu, step=0.02, steps=20, method=discrete_euler_poincare)
-    x = run(action, p, np.r_[pin.SE3ToXYZQUAT(pin.SE3(pose)), nu], 20)
-    np.testing.assert_allclose(pin.XYZQUATToSE3(x[:7]).homogeneous, motion.poses[-1], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(x[7:], motion.velocities[-1], rtol=0, atol=1e-12)
 
 
 @ROBOTS

@@ -5,12 +5,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.integrate import quad
 from scipy.special import ellipk
 
-from lgmpc.actions import FreeForwardDynamics, MultibodyAction, RungeKutta4
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics.integrators import discrete_euler_poincare
@@ -27,14 +25,6 @@ FULL = np.diag([5.5, 12.7, 14.6, 0.12, 0.13, 0.14]) + 0.05 * np.ones((6, 6))
 VEHICLE = UnderwaterVehicle(
     BODY, FULL, [4.0, 6.2, 5.2, 0.07, 0.08, 0.09], [18.2, 21.7, 37.0, 1.5, 1.6, 1.7], 115.0, [0.0, 0.01, 0.03]
 )
-DIAGONAL = UnderwaterVehicle(
-    BODY,
-    [5.5, 12.7, 14.6, 0.12, 0.13, 0.14],
-    [4.0, 6.2, 5.2, 0.07, 0.08, 0.09],
-    [18.2, 21.7, 37.0, 1.5, 1.6, 1.7],
-    115.0,
-    [0.0, 0.01, 0.03],
-)
 
 
 def torpedo(**more: Any) -> UnderwaterVehicle:
@@ -44,37 +34,6 @@ def torpedo(**more: Any) -> UnderwaterVehicle:
     inertia = mass / 5 * np.diag([2 * b**2, a**2 + b**2, a**2 + b**2])
     body = SpatialInertia(mass, np.zeros(3), inertia)
     return UnderwaterVehicle(body, spheroid_added_mass(1.6, 0.2), buoyancy=mass * 9.81, **more)
-
-
-def fluid_action() -> tuple[MultibodyAction, np.ndarray]:
-    model = pin.Model()
-    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
-    model.appendBodyToJoint(root, pin.Inertia(BODY.mass, BODY.center, BODY.rotational), pin.SE3.Identity())
-    model.gravity = pin.Motion(np.r_[0, 0, -9.81, 0, 0, 0])
-    action = MultibodyAction("vehicle", FreeForwardDynamics(model, np.eye(6), submerged=True), integrator=RungeKutta4())
-    p = action.parameters.default.copy()
-    for name, value in (
-        ("drag_linear", np.diag(DIAGONAL.linear_damping)),
-        ("drag_quadratic", DIAGONAL.quadratic_damping),
-        ("added_mass", np.diag(DIAGONAL.added_mass)),
-        ("buoyancy", [0.0, 0.0, DIAGONAL.buoyancy]),
-        ("buoyancy_center", DIAGONAL.center_of_buoyancy),
-    ):
-        p[action.parameters[name]] = value
-    return action, p
-
-
-@pytest.mark.usefixtures("interpreted")
-def test_a_second_of_motion_is_that_of_the_action() -> None:
-    action, p = fluid_action()
-    pose, nu, tau = se3.exp([0.1, 0.2, -0.3, 0.5, -0.4, 0.3]), np.array([1.0, 0.3, -0.2, 0.4, -0.5, 0.6]), np.ones(6)
-    motion = DIAGONAL.system(lambda s: ca.DM(tau)).simulate(pose, nu, step=1e-3, steps=1000)
-    x = np.r_[pin.SE3ToXYZQUAT(pin.SE3(pose)), nu]
-    p[action.parameters["duration"]] = 1e-3
-    for _ in range(1000):
-        x = action.value_function(x, tau, p)[0].full().ravel()
-    np.testing.assert_allclose(pin.XYZQUATToSE3(x[:7]).homogeneous, motion.poses[-1], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(x[7:], motion.velocities[-1], rtol=0, atol=1e-9)
 
 
 def fossen(vehicle: UnderwaterVehicle, rotation: np.ndarray, nu: np.ndarray) -> np.ndarray:

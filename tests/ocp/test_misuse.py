@@ -135,7 +135,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "ContactForwardDynamics": (ContactForwardDynamics, dict(model=HUMANOID, contacts=FRAMES, loads=(), actuation=None)),
     "ContactInverseDynamics": (ContactInverseDynamics, dict(model=HUMANOID, contacts=FRAMES)),
-    "FreeForwardDynamics": (FreeForwardDynamics, dict(model=HUMANOID, actuation=None, submerged=False)),
+    "FreeForwardDynamics": (FreeForwardDynamics, dict(model=HUMANOID, actuation=None)),
     "FreeInverseDynamics": (FreeInverseDynamics, dict(model=MODEL, actuation=None)),
     "ExternalWrench": (ExternalWrench, dict(model=HUMANOID)),
     "thrusters": (

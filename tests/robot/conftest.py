@@ -123,8 +123,6 @@ def symbolic_functions(model: pin.Model, frame: str) -> dict[str, ca.Function]:
         "nle": symbolic.nle(q, v),
         "gravity": symbolic.gravity(q),
         "crba": symbolic.crba(q),
-        "aba": symbolic.aba(q, v, tau),
-        "aba_external": symbolic.aba(q, v, tau, {frame: wrench}),
         "solved": symbolic.mass_factor(q).solve(ca.horzcat(tau, a)),
     }
     for reference in (pin.LOCAL, pin.LOCAL_WORLD_ALIGNED, pin.WORLD):

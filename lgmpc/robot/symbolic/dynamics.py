@@ -16,8 +16,6 @@ __all__ = [
     "composite_forces",
     "joint_torques",
     "mass_matrix",
-    "mirrored",
-    "moment_of_field",
     "net_wrenches",
 ]
 
@@ -42,7 +40,7 @@ def net_wrenches(
     wrenches: list[Wrench] = [(ca.DM.zeros(3), ca.DM.zeros(3))]
     for index, (joint, motion) in enumerate(zip(tree.joints, accelerating[1:], strict=True), start=1):
         force = joint.mass * motion.linear + ca.mtimes(motion.field, joint.moment)
-        moment = moment_of_field(motion.field, joint.second_moment) + ca.cross(joint.moment, motion.linear)
+        moment = _moment_of_field(motion.field, joint.second_moment) + ca.cross(joint.moment, motion.linear)
         if index in external:
             force, moment = force - external[index][0], moment - external[index][1]
         wrenches.append((force, moment))
@@ -96,7 +94,7 @@ def mass_matrix(tree: Tree, steps: list[Placement], forces: list[list[Wrench]], 
     for index, joint in enumerate(tree.joints, start=1):
         columns = forces[index]
         block = ca.horzcat(*(_project(joint, column) for column in columns)) + ca.diag(ca.DM(joint.armature))
-        matrix[joint.v, joint.v] = mirrored(block)
+        matrix[joint.v, joint.v] = _mirrored(block)
         here = index
         while tree.joints[here - 1].parent:
             columns = [carried(steps[here], column) for column in columns]
@@ -109,12 +107,12 @@ def mass_matrix(tree: Tree, steps: list[Placement], forces: list[list[Wrench]], 
     return matrix, at_root
 
 
-def mirrored(block: Any) -> Any:
+def _mirrored(block: Any) -> Any:
     """Return a symmetric matrix with the upper triangle of ``block``, so that both halves are the same expressions."""
     return ca.triu2symm(ca.triu(block))
 
 
-def moment_of_field(field: Any, second: Any) -> Any:
+def _moment_of_field(field: Any, second: Any) -> Any:
     """Return (3,) the integral of ``r x (field r) dm`` over a body with second moments ``second`` (symmetric)."""
 
     def pair(i: int, j: int) -> Any:

@@ -10,11 +10,10 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.robot.symbolic import centroidal, dynamics, frames, passes
-from lgmpc.robot.symbolic.articulated import articulated_body
 from lgmpc.robot.symbolic.factor import MassFactor
 from lgmpc.robot.symbolic.passes import Placement
 from lgmpc.robot.symbolic.tree import read_tree
-from lgmpc.state import difference_symbolic, integrate_configuration_symbolic
+from lgmpc.state import integrate_configuration_symbolic
 
 __all__ = ["SymbolicModel"]
 
@@ -79,10 +78,6 @@ class SymbolicModel:
         return integrate_configuration_symbolic(
             self.model, self._column(q, self.nq, "q"), self._column(dv, self.nv, "dv")
         )
-
-    def difference(self, q0: Any, q1: Any) -> Any:
-        """Return (nv,) ``q1 (-) q0``."""
-        return difference_symbolic(self.model, self._column(q0, self.nq, "q0"), self._column(q1, self.nq, "q1"))
 
     # Kinematics
 
@@ -175,13 +170,8 @@ class SymbolicModel:
         return type(q)(self._mass_matrix(q)[0])  # a copy: CasADi matrices can be changed in place
 
     def mass_factor(self, q: Any) -> MassFactor:
-        """Return a factor of M without fill-in, for products with its inverse such as M^-1 J^T."""
+        """Return a factor of M without fill-in, for products with its inverse: forward dynamics, M^-1 J^T."""
         return self._remember("factor", (q,), lambda: MassFactor(self.crba(q)))
-
-    def aba(self, q: Any, v: Any, tau: Any, external: Mapping[int | str, Any] | None = None) -> Any:
-        """Return (nv,) the accelerations under generalised forces ``tau`` (nv,) and ``external``: inverse of rnea."""
-        torque = self._column(tau, self.nv, "tau")
-        return articulated_body(self._tree, self._steps(q), self._turning(q, v), v, torque, self._external(q, external))
 
     # Shared recursions
 

@@ -28,7 +28,6 @@ __all__ = [
     "composites",
     "joint_steps",
     "linear_velocities",
-    "rotate_symmetric",
     "rotations",
     "world_placements",
 ]
@@ -212,10 +211,10 @@ def _move(child: Composite, step: Placement) -> tuple[Any, Any]:
     xx, yy, zz = r[0] * s[0], r[1] * s[1], r[2] * s[2]
     xy, xz, yz = (0.5 * (r[i] * s[j] + r[j] * s[i]) for i, j in ((0, 1), (0, 2), (1, 2)))
     shift = _symmetric(yy + zz, xx + zz, xx + yy, -xy, -xz, -yz)
-    return turned + child.mass * r, rotate_symmetric(step.rotation, child.inertia) + shift
+    return turned + child.mass * r, _rotate_symmetric(step.rotation, child.inertia) + shift
 
 
-def rotate_symmetric(rotation: Any, matrix: Any) -> Any:
+def _rotate_symmetric(rotation: Any, matrix: Any) -> Any:
     """Return ``rotation @ matrix @ rotation.T`` of a symmetric (3, 3) matrix: six entries computed, three copied."""
     half = ca.mtimes(rotation, matrix)
 

@@ -131,7 +131,8 @@ def _check_compiled_code() -> tuple[str, str]:
     import casadi
 
     from lgmpc.compile import cache_folder, find_compiler, jit_enabled
-    from lgmpc.compile.native import bind_library, generate_source
+    from lgmpc.compile.native import bind_library
+    from lgmpc.compile.simd import generate_simd
 
     compiler = find_compiler() if jit_enabled() else None
     if compiler is None:
@@ -141,7 +142,7 @@ def _check_compiled_code() -> tuple[str, str]:
     function = casadi.Function("self_test", [x], values)
     with tempfile.TemporaryDirectory(prefix=".build-", dir=cache_folder()) as folder:
         source, library = Path(folder) / "self_test.c", Path(folder) / "self_test.so"
-        source.write_text(generate_source(function))
+        source.write_text(*generate_simd(function, lanes=False))
         compiler.build([source], library, function.name())
         point, *results = np.array([0.3, -1.2, 2.1]), np.zeros(3), np.zeros(3)
         loaded = ctypes.CDLL(str(library))

@@ -81,17 +81,18 @@ class StageKernel:
 
     Attributes:
         signature: its inputs and outputs.
-        compiled: whether it is machine code; otherwise, and where it calls Python, CasADi interprets it.
+        compiled: whether it is machine code; otherwise, and where it is not a list of scalar operations (an MX
+            function, or one that calls Python), CasADi interprets it.
 
     Raises:
-        CompileError: the function has no C code, or the compiler failed on it.
+        CompileError: the compiler failed on it.
         InputError: the environment (cache folder, ``CC``) cannot be used.
     """
 
     def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
         function = densify_function(function)
         self.signature = Signature.of(function)
-        compiler = None if _calls_python(function) else compiler_for_functions()
+        compiler = compiler_for_functions() if is_scalar_code(function) else None
         self._code = function if compiler is None else load_library(function, compiler, progress)
         self.compiled = compiler is not None
 
@@ -168,8 +169,7 @@ class StageKernel:
 class BatchKernel(StageKernel):
     """A :class:`StageKernel` of stages that do not read each other's results: several at a time, one in each lane.
 
-    The results are those of a :class:`StageKernel`, bit for bit. Functions of other than scalar operations run one
-    stage after the other.
+    The results are those of a :class:`StageKernel`, bit for bit.
 
     Args:
         function: of one stage, or a pipeline of several.
@@ -213,10 +213,6 @@ class BatchKernel(StageKernel):
 
 def _write(kind: type[K], write: Callable[..., Any], *arguments: Any, progress: Progress | None) -> K:
     return kind(write(*arguments), progress)
-
-
-def _calls_python(function: casadi.Function) -> bool:
-    return any(each.class_name() == "CallbackInternal" for each in (function, *function.find_functions()))
 
 
 def _pipeline_of(function: casadi.Function) -> Pipeline | None:

@@ -1,13 +1,11 @@
-"""Machine code: the C source of a CasADi function, libraries in the cache, calls of them."""
+"""Machine code: libraries of functions in the cache, and calls of them."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import logging
-import re
 import time
-import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -16,7 +14,7 @@ import numpy as np
 
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler, compiler_for_functions
-from lgmpc.compile.simd import LOOP, SCALAR_TRIGONOMETRY, SIMD_IDENTITY, generate_simd, is_scalar_code
+from lgmpc.compile.simd import SIMD_IDENTITY, generate_simd
 from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
@@ -25,7 +23,6 @@ __all__ = [
     "aligned_zeros",
     "bind_library",
     "compile_source",
-    "generate_source",
     "load_library",
 ]
 
@@ -33,48 +30,6 @@ Progress = Callable[[str], None]
 
 _log = logging.getLogger("lgmpc.compile")
 _ALIGNMENT = 8  # doubles: the widest vectors hold so many
-_CODEGEN_VERSION = "4"  # part of every cache key: increase it when the code around CasADi's changes
-
-# CasADi's runtime (dense products, factorisations) consists of loops, 2.7 times faster at -O2 than at the -O1 of the
-# long straight-line bodies after it. The pragma is GCC's; clang's -O1 is as fast without one.
-_RUNTIME = re.compile(r"^#include <math\.h>\n(.*?)^static int casadi_f\d+\(", re.MULTILINE | re.DOTALL)
-_HEADER = "#include <math.h>\n"
-_NOT_C = re.compile(r"#error Code generation not supported for (\w+)")
-_FAST = '#pragma GCC push_options\n#pragma GCC optimize ("O2")\n'
-
-
-def generate_source(function: casadi.Function) -> str:
-    """Return the C code of the function and of lgmpc's entry point.
-
-    Raises:
-        CompileError: CasADi cannot write some part of it in C.
-    """
-    generator = casadi.CodeGenerator(f"{function.name()}.c", {"with_header": False})
-    try:
-        generator.add(function)
-        code = str(generator.dump())
-    except RuntimeError as error:
-        raise CompileError(function.name(), "CasADi code generation", str(error)) from error
-    missing = _NOT_C.search(code)
-    if missing is not None:
-        raise CompileError(function.name(), "CasADi code generation", f"{missing[1]} has no C code")
-    # Behind the header, whose declarations keep their names.
-    code = code.replace(_HEADER, _HEADER + SCALAR_TRIGONOMETRY, 1)
-    runtime = _RUNTIME.search(code)
-    if runtime is not None:
-        start, end = runtime.span(1)
-        code = f"{code[:start]}{_FAST}{code[start:end]}#pragma GCC pop_options\n{code[end:]}"
-    arguments = "arg, res, (long long int*) frame[4], (double*) frame[5], (int) plan[1]"
-    call = f"if ({function.name()}({arguments})) return 1"
-    return code + LOOP.format(n_in=function.n_in(), n_out=function.n_out(), call=call)
-
-
-def _identity(function: casadi.Function) -> str:
-    """Return a text that identifies the function, generated in a third of the time of its C code."""
-    try:
-        return str(function.serialize())
-    except RuntimeError:  # CasADi cannot serialise what it calls
-        return generate_source(function)
 
 
 def load_library(
@@ -83,13 +38,13 @@ def load_library(
     """Load the function's library from the cache, built first if it is missing, damaged or cannot be loaded.
 
     Args:
-        function: of one stage, dense.
+        function: of one stage, dense, of scalar operations.
         compiler: of a missing library.
         progress: called with a description of what is being compiled.
         lanes: whether it evaluates several stages at a time; else one after the other.
 
     Raises:
-        CompileError: the function has no C code, or the compiler failed on it, or the result cannot be loaded.
+        CompileError: it is not a list of scalar operations, the compiler failed on it, or the result cannot be loaded.
         InputError: the cache folder cannot be used.
     """
 
@@ -100,8 +55,8 @@ def load_library(
 
     name = function.name()
     folder = cache_folder()
-    code = (_CODEGEN_VERSION, casadi.CasadiMeta.version(), _FAST, SCALAR_TRIGONOMETRY, *SIMD_IDENTITY, str(lanes))
-    key = request_key(compiler.identity, *code, _identity(function))
+    code = (casadi.CasadiMeta.version(), *SIMD_IDENTITY, str(lanes), str(function.serialize()))
+    key = request_key(compiler.identity, *code)
     entry = find_entry(folder, name, key)
     if entry is not None:
         try:
@@ -110,8 +65,7 @@ def load_library(
             _log.warning("cache entry %s does not load (%s): it is built again", entry.name, error)
             discard(entry)
 
-    start, in_lanes = time.perf_counter(), lanes or is_scalar_code(function)
-    sources = generate_simd(function, lanes) if in_lanes else (generate_source(function),)
+    start, sources = time.perf_counter(), generate_simd(function, lanes)
     size = sum(len(source) for source in sources)
     report(f"compiling '{name}' ({size / 1e6:.1f} MB of C) with {compiler.name}; once, later runs load it")
 
@@ -156,19 +110,14 @@ def bind_library(
         stages: how often it is evaluated.
         steps: each array's numbers from one stage to the next.
     """
-    sizes = [ctypes.c_longlong() for _ in range(4)]
-    library[f"{name}_work"](*(ctypes.byref(size) for size in sizes))
-    n_arg, n_res, n_iw, n_w = (size.value for size in sizes)
+    measure = library[f"{name}_lanes_work"]
+    measure.restype = ctypes.c_longlong
     base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
-    slot = library[f"{name}_checkout"]()
-    plan = np.array([stages, slot, *steps], dtype=np.int64)
-    arg, res = np.zeros(n_arg, dtype=np.uintp), np.zeros(n_res, dtype=np.uintp)
-    iw, w = np.zeros(n_iw, dtype=np.int64), aligned_zeros(n_w)
-    parts = (base, plan, arg, res, iw, w)
+    plan = np.array([stages, *steps], dtype=np.int64)
+    parts = (base, plan, np.zeros_like(base), aligned_zeros(measure()))
     frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
     # The frame contains addresses only: keep the arrays alive as long as the frame.
     frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
-    weakref.finalize(frame, library[f"{name}_release"], slot)
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
 
 

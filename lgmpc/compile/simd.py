@@ -20,7 +20,7 @@ import casadi
 
 from lgmpc.errors import CompileError
 
-__all__ = ["SIMD_IDENTITY", "SCALAR_TRIGONOMETRY", "SQUARES", "generate_simd", "is_scalar_code"]
+__all__ = ["SIMD_IDENTITY", "SQUARES", "generate_simd", "is_scalar_code"]
 
 STATEMENTS = 500
 """Most statements of a function: 200 take longer to run, 1000 to compile."""
@@ -57,7 +57,7 @@ _FORMULAS = {
 
 _FOLDER = files("lgmpc.compile")
 
-# A vector of one lane. Macros, so that CasADi's code can follow without them.
+# A vector of one lane.
 _ONE_LANE = """\
 #define V double
 #define M int
@@ -115,15 +115,6 @@ SQUARES = _VECTORS + _FOLDER.joinpath("squares.c").read_text(encoding="utf-8")
 _TRIGONOMETRY = _FOLDER.joinpath("trigonometry.c").read_text(encoding="utf-8")
 _SINES = ("sin", "cos", "tan", "atan2")  # what is there
 
-# The same functions of single numbers, instead of the C library's.
-SCALAR_TRIGONOMETRY = "".join(
-    [
-        "#undef LANES\n#define LANES 1\n", _ONE_LANE, _TRIGONOMETRY,
-        *(f"#undef {name}\n" for name in ("LANES", "V", "M", "LANE", "ALL", "NOT", "CHOOSE")),
-        *(f"#define {name} each_{name}\n" for name in _SINES),
-    ]
-)  # fmt: skip
-
 _ARGUMENT = re.compile(r"\b([xr])(\d+)\[")
 
 _COMMUTATIVE = (casadi.OP_ADD, casadi.OP_MUL)
@@ -162,44 +153,26 @@ EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
 
 # One pointer from Python costs half as much as CasADi's five arguments. The loop over stages is here because
 # casadi.Function.map copies every output twice and every shared input once per stage.
-LOOP = """
-#ifdef __GNUC__
-__attribute__((visibility("default")))
-#endif
-int lgmpc_evaluate(void** frame) {{
+_LOOP = """
+EXPORT int lgmpc_evaluate(void** frame) {{
   double** base = (double**) frame[0];
-  const long long int* plan = (const long long int*) frame[1];
-  const double** arg = (const double**) frame[2];
-  double** res = (double**) frame[3];
-  long long int k;
+  const long long* plan = (const long long*) frame[1];
+  double** now = (double**) frame[2];
+  long long k;
   int i;
   for (k = 0; k < plan[0]; ++k) {{
-    for (i = 0; i < {n_in}; ++i) arg[i] = base[i] + k * plan[2 + i];
-    for (i = 0; i < {n_out}; ++i) res[i] = base[{n_in} + i] + k * plan[2 + {n_in} + i];
-    {call};
+    for (i = 0; i < {arguments}; ++i) now[i] = base[i] + k * plan[1 + i];
+    {name}_lanes((const double* const*) now, now + {n_in}, (double*) frame[3]);
   }}
   return 0;
 }}
 """
 """Entry that evaluates one stage after the other; they may read what those before them wrote."""
 
-# What CasADi's own C says of its memory.
-_MEMORY = """
-EXPORT int {name}_work(long long* n_arg, long long* n_res, long long* n_iw, long long* n_w) {{
-  *n_arg = {n_in};
-  *n_res = {n_out};
-  *n_iw = 0;
-  *n_w = {n_w};
-  return 0;
-}}
-EXPORT int {name}_checkout(void) {{ return 0; }}
-EXPORT void {name}_release(int memory) {{ (void) memory; }}
-"""
-
 _ONE = "#undef LANES\n#define LANES 1\n"
 
-_VERSION = "7"  # part of every cache key: increase it when the functions below change
-SIMD_IDENTITY = (_VERSION, _HEAD, _ENTRY, LOOP, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
+_VERSION = "8"  # part of every cache key: increase it when the functions below change
+SIMD_IDENTITY = (_VERSION, _HEAD, _ENTRY, _LOOP, *_FORMULAS.values(), f"{STATEMENTS} {_PARTS}")
 
 
 class _Statement(NamedTuple):
@@ -220,14 +193,14 @@ def is_scalar_code(function: casadi.Function) -> bool:
 
 
 def generate_simd(function: casadi.Function, lanes: bool = True) -> tuple[str, ...]:
-    """Return the C files of a dense function, which :mod:`lgmpc.compile.pipeline` calls.
+    """Return the C files of a dense function.
 
-    The entry is ``<name>_lanes(arguments, results, work)``, of pointers to vectors; ``<name>_lanes_work`` returns how
-    many vectors of work memory it takes.
+    The entry that :mod:`lgmpc.compile.pipeline` calls is ``<name>_lanes(arguments, results, work)``, of pointers to
+    vectors; ``<name>_lanes_work`` returns how many vectors of work memory it takes.
 
     Args:
         function: of one stage.
-        lanes: False for vectors of one number and an entry that calls it for one stage after the other.
+        lanes: False for vectors of one number, and an entry that calls it for one stage after the other.
 
     Raises:
         CompileError: the function is not a list of scalar operations (see :func:`is_scalar_code`).
@@ -242,9 +215,8 @@ def generate_simd(function: casadi.Function, lanes: bool = True) -> tuple[str, .
         calls="".join(f"  {name}_part{i}(x, r, w);\n" for i in range(len(parts))),
     )  # fmt: skip
     if not lanes:
-        entry += _MEMORY.format(name=name, n_in=function.n_in(), n_out=function.n_out(), n_w=shared)
-        call = f"{name}_lanes(arg, res, (double*) frame[5])"
-        entry += LOOP.format(n_in=function.n_in(), n_out=function.n_out(), call=call)
+        n_in = function.n_in()
+        entry += _LOOP.format(name=name, n_in=n_in, arguments=n_in + function.n_out())
     bodies = ["".join(parts[i : i + _PARTS]) for i in range(0, len(parts), _PARTS)]
     if len(bodies) == 1:  # a second file would take longer to start the compiler on than to compile
         return (head + entry + bodies[0],)

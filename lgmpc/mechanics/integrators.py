@@ -115,17 +115,14 @@ def discrete_euler_poincare(system: EulerPoincare) -> ca.Function:
     momentum = group.adjoint(turned).T @ mu + h / 2 * system.loads(s.time + h, pose, xi, advected, s.parameters)
     velocity = ca.ldl_solve(momentum, *ca.ldl(inertia))
 
-    # Calls, not copies: one iteration is compiled once and called several times.
-    inputs = ["xi", "time", "step", "x", "p"]
-    arguments = [xi, s.time, h, s.state, s.parameters]
-    improve = ca.Function("improve", arguments, [newton], inputs, ["xi_next"])
-    finish = ca.Function("finish", arguments, [state_of(pose, velocity, advected)], inputs, ["x_next"])
-    outer = [ca.MX.sym(name, *improve.size_in(name)) for name in inputs[1:]]
-    found = outer[2][system.group.size**2 :][: system.group.dim]
+    arguments = [s.time, h, s.state, s.parameters]
+    improve = ca.Function("improve", [xi, *arguments], [newton])
+    finish = ca.Function("finish", [xi, *arguments], [state_of(pose, velocity, advected)])
+    found = s.velocity
     for _ in range(NEWTON_STEPS):
-        found = improve(found, *outer)
+        found = improve(found, *arguments)
     name = f"{system.name}_discrete_euler_poincare"
-    return ca.Function(name, outer, [finish(found, *outer)], inputs[1:], ["x_next"])
+    return ca.Function(name, arguments, [finish(found, *arguments)], ["time", "step", "x", "p"], ["x_next"])
 
 
 def _inertia(system: EulerPoincare, s: Symbols) -> Any:

@@ -7,7 +7,7 @@ import math
 import shutil
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from signal import Signals
@@ -19,7 +19,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 
 from lgmpc.config.loading import dump_config
-from lgmpc.config.session import StopSignals, stop_signals
+from lgmpc.config.session import stop_signals
 from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.notebook import reports
 from lgmpc.runs import atomic_write, versions
@@ -102,97 +102,94 @@ def tune(
         if number < 1:
             raise InputError(name, number, "at least 1")
     count, limit = workers or available_cores(), problem.tuned.settings.time_limit_s
-    with (
-        _open_study(problem, folder, seed, resume) as study,
-        reports(notify, progress, lambda now: (now.trials / trials, f"{now.trials} of {trials} trials")) as (
-            announce,
-            advance,
-        ),
-    ):
-        search = _Search(problem, folder, study)
-        try:
-            with stop_signals() as stop, Pool(count, start_worker, limit) as pool:
-                announce("starting, and compiling what is not in the cache")
-                list(pool.map(warm, [problem.tuned.points[0].config], workers=1))
-                announce("tuning")
-                search.run(pool, stop, trials, count, advance)
-                announce("running the held-out points")
-                return search.judged(pool, command)
-        except Interrupted as error:
-            if not search.scored():
-                raise
-            return replace(search.found(), signal=error.signal)
-        finally:
-            shutil.rmtree(folder / "scratch", ignore_errors=True)
-
-
-@contextmanager
-def _open_study(problem: TuningProblem, folder: Path, seed: int, resume: bool) -> Iterator[optuna.Study]:
-    """Open the journal of a tuning; trials that were running when it was stopped are marked as failed."""
-    open_folder(folder, "tuning.yaml", problem.document(), resume=resume)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", category=optuna.exceptions.ExperimentalWarning)
-        optuna.logging.set_verbosity(optuna.logging.WARNING)
-        study = optuna.create_study(
-            storage=JournalStorage(JournalFileBackend(str(folder / "journal.log"))),
-            study_name=problem.name,
-            direction="maximize" if problem.maximized else "minimize",
-            load_if_exists=True,
-        )
-        there = study.get_trials(deepcopy=False)
-        # Seeded by the number of trials too, so that a resumed search does not repeat itself.
-        study.sampler = optuna.samplers.TPESampler(seed=seed + len(there), multivariate=True)
-        for trial in there:
-            if trial.state == TrialState.RUNNING:
-                study.tell(trial.number, state=TrialState.FAIL)
-        if not any(trial.state == TrialState.COMPLETE for trial in there):
-            study.enqueue_trial(problem.initial)
-        yield study
+    search = _Search(problem, folder, seed, resume)
+    shown = reports(notify, progress, lambda now: (now.trials / trials, f"{now.trials} of {trials} trials"))
+    try:
+        with shown as (announce, advance), stop_signals() as stop, Pool(count, start_worker, limit) as pool:
+            announce("starting, and compiling what is not in the cache")
+            list(pool.map(warm, [problem.tuned.points[0].config], workers=1))
+            announce("tuning")
+            together = max(1, count // len(problem.tuned.points))
+            while (missing := trials - search.done) > 0:
+                for record in search.run(pool, min(together, missing)):
+                    with stop.held():
+                        record()
+                    advance(search.found())
+            announce("running the held-out points")
+            return search.judged(pool, command)
+    except Interrupted as error:
+        if not search.scored():
+            raise
+        return replace(search.found(), signal=error.signal)
+    finally:
+        shutil.rmtree(folder / "scratch", ignore_errors=True)
 
 
 class _Search:
-    """The search: proposes values, computes their points, and records their scores in the study."""
+    """A study of optuna in a folder: proposes values, computes their points, records their scores."""
 
-    def __init__(self, problem: TuningProblem, folder: Path, study: optuna.Study) -> None:
-        self._problem, self._folder, self._study = problem, folder, study
+    def __init__(self, problem: TuningProblem, folder: Path, seed: int, resume: bool) -> None:
+        self._problem, self._folder = problem, folder
+        self._distributions = {each.key: each.distribution for each in problem.dimensions}
+        keys = {key: str(distribution) for key, distribution in self._distributions.items()}
+        document = {"tuned": problem.tuned.settings.model_dump(mode="json"), "objective": problem.objective}
+        open_folder(folder, "tuning.yaml", document | {"keys": keys}, resume=resume)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", category=optuna.exceptions.ExperimentalWarning)
+            optuna.logging.set_verbosity(optuna.logging.WARNING)
+            self.study = optuna.create_study(
+                storage=JournalStorage(JournalFileBackend(str(folder / "journal.log"))),
+                study_name=problem.name,
+                direction="maximize" if problem.maximized else "minimize",
+                load_if_exists=True,
+            )
+            # Seeded by the number of trials too, so that a resumed search does not repeat itself.
+            seed += len(self.study.get_trials(deepcopy=False))
+            self.study.sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True)
+        if not self.scored():
+            self.study.enqueue_trial(problem.initial)
 
     def scored(self) -> list[tuple[Score, optuna.trial.FrozenTrial]]:
-        """Return the trials with a score, that of the initial values first.
+        """Return the trials with a score, that of the initial values first; none that was killed while it was told."""
+        trials = self.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+        return [(Score(float(each.user_attrs["passed"]), float(each.value or 0.0)), each) for each in trials]
 
-        One that was killed between the writing of its attributes and of its state has none.
-        """
-        trials = self._study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-        return [(Score(float(each.user_attrs["passed"]), float(each.user_attrs["value"])), each) for each in trials]
-
+    @property
     def done(self) -> int:
-        """Return the number of computed trials, with a score or without."""
-        unmeasured = ("unmeasured" in each.user_attrs for each in self._study.get_trials(deepcopy=False))
-        return len(self.scored()) + sum(unmeasured)
+        """Number of computed trials, with a score or without."""
+        return len(self.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE, TrialState.PRUNED)))
 
     def found(self) -> Tuned:
         """Return the result so far, without held-out points."""
         scored = self.scored()
         best, trial = max(scored, key=lambda each: self._problem.rank(each[0]))
         values = {each.key: each.value(trial.params[each.key]) for each in self._problem.dimensions}
-        return Tuned(trial.number, self.done(), values, scored[0][0], best)
+        return Tuned(trial.number, self.done, values, scored[0][0], best)
 
-    def run(self, pool: Pool, stop: StopSignals, trials: int, workers: int, progress: Callable[[Tuned], None]) -> None:
-        """Run trials up to their number, several at once if one does not occupy all workers."""
-        together = max(1, workers // len(self._problem.tuned.points))
-        distributions = {each.key: each.distribution for each in self._problem.dimensions}
-        while (missing := trials - self.done()) > 0:
-            asked = [self._study.ask(distributions) for _ in range(min(together, missing) if self.scored() else 1)]
-            rows = self._compute(pool, self._problem.tuned, {trial.number: trial.params for trial in asked})
-            for trial in asked:
-                with stop.held():
-                    self._record(trial, rows[trial.number])
-                progress(self.found())
+    def run(self, pool: Pool, count: int) -> Iterator[Callable[[], None]]:
+        """Run some trials at once, the first one alone, and yield a function for each that records its score."""
+        asked = [self.study.ask(self._distributions) for _ in range(count if self.scored() else 1)]
+        rows = self._compute(pool, self._problem.tuned, [trial.params for trial in asked])
+        for trial, own in zip(asked, rows, strict=True):
+            yield lambda trial=trial, own=own: self._record(trial, own)  # type: ignore[misc]
+
+    def _record(self, trial: optuna.Trial, rows: Sequence[Row]) -> None:
+        score, scored = self._problem.score(rows), self.scored()
+        if math.isnan(score.value):
+            if not scored:
+                reason = next(("; ".join(row.reasons) for row in rows if row.reasons), "nothing was measured")
+                raise RunFolderError(f"the initial values have no {self._problem.objective} at any point: {reason}")
+            self.study.tell(trial, state=TrialState.PRUNED)
+            return
+        trial.set_user_attr("passed", score.passed)
+        trial.set_constraint("lost passes", (scored[0][0] if scored else score).passed - score.passed)
+        self.study.tell(trial, score.value)
 
     def judged(self, pool: Pool, command: str) -> Tuned:
         """Compare the best values with the initial ones on the held-out points, and write the best configs."""
         problem, found = self._problem, self.found()
-        params = self._study.get_trials(deepcopy=False)[found.trial].params
-        initial, best = self._compute(pool, problem.held_out, {0: problem.initial, 1: params}).values()
+        params = self.study.get_trials(deepcopy=False)[found.trial].params
+        initial, best = self._compute(pool, problem.held_out, [problem.initial, params])
         first, second = problem.score(initial), problem.score(best)
         pairs = paired(zip(initial, best, strict=True)).get(problem.objective, [])
         bases = list(problem.bases())
@@ -211,49 +208,31 @@ class _Search:
                 stream.write((head + dump_config(problem.apply(base, params))).encode())
         return found
 
-    def _compute(self, pool: Pool, sweep: Sweep, values: Mapping[int, Mapping[str, Any]]) -> dict[int, list[Row]]:
+    def _compute(self, pool: Pool, sweep: Sweep, values: Sequence[Mapping[str, Any]]) -> list[list[Row]]:
         """Return the rows of all points with each of the values, in order."""
         scratch = (self._folder / "scratch").resolve()  # also for workers that run in another folder
-        settings = sweep.settings
-        tasks = []
-        for number, (i, point) in itertools.product(values, enumerate(sweep.points)):
+        settings, tasks = sweep.settings, []
+        for (number, params), (i, point) in itertools.product(enumerate(values), enumerate(sweep.points)):
             with suppress(InputError):  # an invalid combination of values: its points have no score
-                config = self._problem.apply(point.config, values[number])
-                key = f"{number}-{i}"
+                config, key = self._problem.apply(point.config, params), f"{number}-{i}"
                 tasks.append(Task(key, config, settings.bisect, None, scratch / key, settings.memory_limit_gb))
-        rows: dict[int, list[Row]] = {number: [Row("", Ending.DIED)] * len(sweep.points) for number in values}
+        rows = [[Row("", Ending.DIED)] * len(sweep.points) for _ in values]
         for task, result in pool.map(compute, tasks):
             number, i = map(int, task.key.split("-"))
             rows[number][i] = result if isinstance(result, Row) else Row(task.key, Ending.RAISED, (str(result),))
             shutil.rmtree(task.scratch, ignore_errors=True)
         return rows
 
-    def _record(self, trial: optuna.Trial, rows: Sequence[Row]) -> None:
-        score, scored = self._problem.score(rows), self.scored()
-        if math.isnan(score.value):
-            if not scored:
-                reason = next(("; ".join(row.reasons) for row in rows if row.reasons), "nothing was measured")
-                raise RunFolderError(f"the initial values have no {self._problem.objective} at any point: {reason}")
-            trial.set_user_attr("unmeasured", True)
-            self._study.tell(trial, state=TrialState.FAIL)
-            return
-        trial.set_user_attr("passed", score.passed)
-        trial.set_user_attr("value", score.value)
-        trial.set_constraint("lost passes", (scored[0][0] if scored else score).passed - score.passed)
-        self._study.tell(trial, score.value)
-
 
 def _provenance(problem: TuningProblem, found: Tuned, base: str, command: str) -> Iterator[str]:
     """Yield the lines of the comment that heads a best config."""
-    name = problem.objective
+    name, held_out = problem.objective, f"{found.initial_held_out} became {found.best_held_out}"
     yield f"{base}, tuned: trial {found.trial} of {found.trials} of"
     yield f"  {command}"
     for each in problem.dimensions:
         yield f"{each.key}: {each.value(each.initial)} became {found.values[each.key]}"
     yield f"{name} over the {len(problem.tuned.points)} tuned points: {found.initial} became {found.best}"
-    held_out = f"{found.initial_held_out} became {found.best_held_out}"
     yield f"{name} over the {len(problem.held_out.points)} held-out points: {held_out}"
-    if found.difference is not None:
-        yield f"mean difference in pairs on these: {found.difference}"
+    yield f"mean difference in pairs on these: {found.difference}"
     yield ", ".join(f"{package} {version}" for package, version in versions().items())
     yield ""

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lgmpc.config.loading import load_config, parse_assignment
 from lgmpc.config.schema import Config
@@ -31,8 +31,7 @@ _SPREAD = 3.0
 """Factor of the default range of a key, from a third of the present value to three times it."""
 
 
-@dataclass(frozen=True)
-class Dimension:
+class Dimension(NamedTuple):
     """A tuned key. If it is a vector, numbers multiply that vector.
 
     Attributes:
@@ -48,7 +47,7 @@ class Dimension:
     @property
     def initial(self) -> Any:
         """The number or choice that leaves the key as it is: the present value, or 1 if a vector is scaled."""
-        return _initial(self.present)
+        return 1.0 if isinstance(self.present, (list, tuple)) else self.present
 
     @property
     def ends(self) -> tuple[Any, ...]:
@@ -59,16 +58,6 @@ class Dimension:
     def value(self, number: Any) -> Any:
         """Return the value that the key gets from a number of the range, or from a choice."""
         return [number * each for each in self.present] if isinstance(self.present, (list, tuple)) else number
-
-    def apply(self, config: Config, number: Any) -> Config:
-        """Return a config with a number of the range, or a choice, at the key; raise InputError if it is refused."""
-        if isinstance(self.distribution, CategoricalDistribution):
-            return config.replace({self.key: number})
-        return scaled(config, self.key, number)
-
-
-def _initial(present: Any) -> Any:
-    return 1.0 if isinstance(present, (list, tuple)) else present
 
 
 @dataclass(frozen=True)
@@ -89,7 +78,7 @@ class Score:
 
 @dataclass(frozen=True)
 class TuningProblem:
-    """Keys, points and objective, subject to at least as many passing points as with the initial values.
+    """Keys, points and objective.
 
     Attributes:
         name: name of the config or sweep.
@@ -124,25 +113,21 @@ class TuningProblem:
 
     def rank(self, score: Score) -> tuple[float, float]:
         """Return a rank, higher for a better score: more points pass, or as many with a better value."""
-        if math.isnan(score.value):
-            return score.passed, -math.inf
-        return score.passed, score.value if self.maximized else -score.value
+        value = score.value if self.maximized else -score.value
+        return score.passed, -math.inf if math.isnan(value) else value
 
     def apply(self, config: Config, values: Mapping[str, Any]) -> Config:
         """Return a config with the numbers and choices of a trial; raise InputError if one is invalid in it."""
         for each in self.dimensions:
-            config = each.apply(config, values[each.key])
+            number = values[each.key]
+            chosen = isinstance(each.distribution, CategoricalDistribution)
+            config = config.replace({each.key: number}) if chosen else scaled(config, each.key, number)
         return config
 
     def bases(self) -> Iterator[Config]:
         """Yield the base configs, with the changes for all points, without factors, draws and variants."""
         for base in self.tuned.bases:
             yield base.replace(copy.deepcopy(dict(self.tuned.settings.set)))
-
-    def document(self) -> dict[str, Any]:
-        """Return the data that identify the problem, as plain values."""
-        keys = {each.key: str(each.distribution) for each in self.dimensions}
-        return {"tuned": self.tuned.settings.model_dump(mode="json"), "objective": self.objective, "keys": keys}
 
 
 def tuning_problem(
@@ -174,21 +159,17 @@ def tuning_problem(
         raise InputError("objective", objective, "boundary" if searched else "a metric of a run, or passed", known)
     problem = TuningProblem(tuned.settings.name, (), objective, tuned, held_out)
     configs = [*(point.config for point in tuned.points), *problem.bases()]
-    found: dict[str, Dimension] = {}
-    for text in keys:
-        dimension = parse_dimension(configs[0], text)
-        key = dimension.key
-        if key in found:
-            raise InputError(key, "the key twice", "each key to tune once")
-        there = {repr(value): str(value) for value in (value_at(each, key) for each in configs)}
+    dimensions = tuple(parse_dimension(configs[0], text) for text in keys)
+    for i, each in enumerate(dimensions):
+        if each.key in [other.key for other in dimensions[:i]]:
+            raise InputError(each.key, "the key twice", "each key to tune once")
+        there = {repr(value): str(value) for value in (value_at(config, each.key) for config in configs)}
         if len(there) > 1:
             words = f"{', '.join(list(there.values())[:3])} at different points"
-            raise InputError(key, words, "a key with one present value at all points")
-        found[key] = dimension
-    problem = replace(problem, dimensions=tuple(found.values()))
-    for each in problem.dimensions:
-        for end in each.ends:
-            problem.apply(configs[0], {**problem.initial, each.key: end})
+            raise InputError(each.key, words, "a key with one present value at all points")
+    problem = replace(problem, dimensions=dimensions)
+    for key, end in ((each.key, end) for each in dimensions for end in each.ends):
+        problem.apply(configs[0], {**problem.initial, key: end})
     return problem
 
 
@@ -249,17 +230,14 @@ def parse_dimension(config: Config, text: str) -> Dimension:
     if isinstance(present, Mapping):
         raise InputError(key, "a table", "one value of it", [f"{key}.{each}" for each in present])
     if value.startswith("["):
-        choices = parse_scalar(value, key, "--keys")
-        if not all(isinstance(each, (str, int, float)) for each in [*choices, present]):
-            raise InputError(key, value, "choices that are words, numbers or truth values: KEY=[A, B]")
-        choices = list(dict.fromkeys([present, *choices]))
+        choices = list(dict.fromkeys([present, *_choices(key, value, present)]))
         if len(choices) < 2:
             raise InputError(key, value, "a choice besides the present value")
         return Dimension(key, present, CategoricalDistribution(choices))
     vector = isinstance(present, (list, tuple)) and all(isinstance(each, (int, float)) for each in present)
     if not vector and (isinstance(present, bool) or not isinstance(present, (int, float))):
         raise InputError(key, present, "a number or a vector, or choices: KEY=[A, B]")
-    initial = _initial(present)
+    initial: Any = 1.0 if vector else present
     number, spread = (int, IntDistribution) if isinstance(initial, int) else (float, FloatDistribution)
     if not given:
         if initial <= 0:
@@ -280,3 +258,10 @@ def parse_dimension(config: Config, text: str) -> Dimension:
             words = "1: the vector is multiplied by it" if vector else f"the present value, {initial:g}"
             raise InputError(key, value, f"a range that contains {words}")
     return Dimension(key, present, spread(low, high, log=logarithmic))
+
+
+def _choices(key: str, text: str, present: Any) -> list[Any]:
+    choices = parse_scalar(text, key, "--keys")
+    if not all(isinstance(each, (str, int, float)) for each in [*choices, present]):
+        raise InputError(key, text, "choices that are words, numbers or truth values: KEY=[A, B]")
+    return list(choices)

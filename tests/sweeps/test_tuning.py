@@ -16,7 +16,7 @@ pytest.importorskip("optuna")
 
 from optuna.distributions import FloatDistribution, IntDistribution
 
-from lgmpc.sweeps.study import _open_study, _Search
+from lgmpc.sweeps.study import _Search
 from lgmpc.sweeps.tuning import Dimension, Score, parse_dimension, tuning_problem
 
 CONFIG = load_config("solo12_balance")
@@ -156,14 +156,9 @@ def test_a_sweep_that_bisects_is_tuned_by_its_boundary(tmp_path: Path) -> None:
 def test_a_trial_whose_report_was_cut_off_is_done_again(tmp_path: Path) -> None:
     """A kill between a trial's attributes, or before its state is written: it has no score, and is not counted."""
     problem = tuning_problem("solo12_balance", ["mpc.nodes"], "passed", seeds=1)
-    for attributes in ({"passed": 1.0}, {"passed": 1.0, "value": 1.0}):
-        folder = tmp_path / str(len(attributes))
-        with _open_study(problem, folder, 0, False) as study:
-            trial = study.ask()
-            for name, value in attributes.items():
-                trial.set_user_attr(name, value)
-        with _open_study(problem, folder, 0, True) as study:
-            search = _Search(problem, folder, study)
-            assert (search.scored(), search.done()) == ([], 0)
-            asked = study.ask({each.key: each.distribution for each in problem.dimensions})
-            assert asked.params == problem.initial
+    trial = _Search(problem, tmp_path, 0, False).study.ask()
+    trial.set_user_attr("passed", 1.0)
+    search = _Search(problem, tmp_path, 0, True)
+    assert (search.scored(), search.done) == ([], 0)
+    asked = search.study.ask({each.key: each.distribution for each in problem.dimensions})
+    assert asked.params == problem.initial

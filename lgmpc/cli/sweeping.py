@@ -25,8 +25,7 @@ from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
-from lgmpc.sweeps.summary import Summary, level_text
-from lgmpc.sweeps.tables import search_words, summary_tables
+from lgmpc.sweeps.summary import Summary, level_text, search_words, summary_tables
 
 if TYPE_CHECKING:
     from lgmpc.sweeps.study import Tuned

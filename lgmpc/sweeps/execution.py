@@ -17,8 +17,7 @@ from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.folder import SweepFolder
 from lgmpc.sweeps.pool import DaskPool, Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
-from lgmpc.sweeps.summary import Summary, summarize
-from lgmpc.sweeps.tables import group_table
+from lgmpc.sweeps.summary import Summary, summarize, summary_tables
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 
 __all__ = ["FinishedSweep", "SweepProgress", "run_sweep"]
@@ -90,7 +89,7 @@ class FinishedSweep:
 
         summary = self.summary
         head = html_table(summary.name, [("verdict", f"{summary.verdict}: {summary.count}"), ("folder", self.folder)])
-        return head + table(*group_table(summary, self.sweep.settings.metrics))
+        return head + "".join(table(*each) for each in summary_tables(summary, self.sweep.settings.metrics)[:1])
 
 
 def run_sweep(

@@ -1,20 +1,33 @@
-"""The summary of a sweep: shares that pass, boundaries, effects of factors, paired differences."""
+"""The summary of a sweep (shares that pass, boundaries, effects of factors, paired differences) and its tables."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from lgmpc.runs.atomic import json_values
+from lgmpc.runs.figures import figure_words
+from lgmpc.runs.tables import Table
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Ending, Estimate, Row, mean_difference, median, paired, place, share
 from lgmpc.sweeps.settings import Choice, Directions, Expectation
 
-__all__ = ["Boundaries", "Group", "Level", "Pairing", "Summary", "level_text", "summarize"]
+__all__ = [
+    "Boundaries",
+    "Group",
+    "Pairing",
+    "Summary",
+    "group_table",
+    "level_text",
+    "point_table",
+    "search_words",
+    "summarize",
+    "summary_tables",
+]
 
 MOST_GROUPS = 24
 """Largest number of groups by the levels of all factors; beyond it, points are grouped by base and variant."""
@@ -45,10 +58,10 @@ class Boundaries:
 
 @dataclass(frozen=True)
 class Group:
-    """Points that share base, variant and, if there are few, the levels of the factors.
+    """Points that share base, variant and levels.
 
     Attributes:
-        labels: the shared base, variant and levels.
+        labels: the shared base, variant and levels; of the effect of one factor its key as "factor", and "level".
         endings: number of points by ending.
         passed: share that passed, of those with a verdict.
         boundaries: boundaries found by bisections.
@@ -60,23 +73,6 @@ class Group:
     passed: Estimate
     boundaries: Boundaries | None
     metrics: Mapping[str, Estimate]
-
-
-@dataclass(frozen=True)
-class Level:
-    """Share that passes at one level of one factor, over all levels of the others, of one base and variant.
-
-    Attributes:
-        labels: base and variant, where there are several.
-        key: key of the factor.
-        level: value of the factor, or range of values.
-        passed: share that passed.
-    """
-
-    labels: Mapping[str, str]
-    key: str
-    level: str
-    passed: Estimate
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ class Summary:
         finished: number of finished points.
         passing: number of points that passed; of a bisection those whose boundary was found.
         groups: groups by base, variant and levels.
-        levels: effect of each factor that has several levels, for each base and variant.
+        levels: groups by the level of one factor, for each that has several, over all levels of the others.
         pairings: paired comparisons of variants.
         broken: number of points without a verdict, by reason.
         expecting: whether the sweep's ``expect`` has a condition.
@@ -118,7 +114,7 @@ class Summary:
     finished: int
     passing: int
     groups: tuple[Group, ...]
-    levels: tuple[Level, ...]
+    levels: tuple[Group, ...]
     pairings: tuple[Pairing, ...]
     broken: Mapping[str, int]
     expecting: bool
@@ -217,8 +213,8 @@ def _values(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None and math.isfinite(value)]
 
 
-def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
-    """Yield the share that passes at each level of each factor, for each base and variant.
+def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Group]:
+    """Yield the points at each level of each factor, for each base and variant.
 
     Drawn numbers are in bins of equal count, the same for all.
     """
@@ -231,14 +227,12 @@ def _levels(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[Level]:
         words = _bins(levels) if key in drawn else [level_text(each) for each in levels]
         if len(set(words)) < 2:
             continue
-        groups: dict[tuple[str, str], list[Row]] = {}
-        for word, label, (_, row) in zip(words, labels, computed, strict=True):
-            groups.setdefault((word, repr(label)), []).append(row)
         ordered = [word for _, word in sorted(zip(map(_size, levels), words, strict=True))] if key in drawn else words
         for word in dict.fromkeys(ordered):
-            for text, label in {repr(each): each for each in labels}.items():
-                rows = groups.get((word, text), [])
-                yield Level(label, key, word, share(sum(row.passed for row in rows), len(rows)))
+            for label in {repr(each): each for each in labels}.values():
+                places = zip(words, labels, computed, strict=True)
+                members = [pair for other, own, pair in places if (other, own) == (word, label)]
+                yield _group({"factor": key, "level": word, **label}, members)
 
 
 def _bins(levels: Sequence[Any]) -> list[str]:
@@ -296,3 +290,90 @@ def _complaints(sweep: Sweep, pairs: Sequence[Pair]) -> Iterable[str]:
     lowest = min((row.boundary for row in rows if row.boundary is not None), default=math.inf)
     if expect.min_boundary is not None and lowest < expect.min_boundary:
         yield f"the smallest boundary is {lowest:.3g}, expected at least {expect.min_boundary:g}"
+
+
+_MOST_METRICS = 4
+_USUAL = ("survived_s", "max_tilt_deg")
+"""Metrics in the tables of a sweep that names none."""
+
+
+def summary_tables(summary: Summary, metrics: tuple[str, ...] | None) -> list[Table]:
+    """Return the tables of groups, of levels and of pairs, those that have rows."""
+    shown = metrics or _USUAL
+    found = [group_table(summary.groups, shown), group_table(summary.levels, ()), _pairing_table(summary, shown)]
+    return [each for each in found if each.rows]
+
+
+def group_table(groups: Sequence[Group], metrics: Sequence[str]) -> Table:
+    """Return a row for each group: the share that passed and the medians of metrics, or the boundaries."""
+    labels = list(dict.fromkeys(label for group in groups for label in group.labels))
+    bounded = any(group.boundaries for group in groups)
+    shown = () if bounded else metrics[:_MOST_METRICS]
+    columns = ["boundary: median", "lowest", "highest"] if bounded else ["passed", *map(_heading, shown)]
+    rows = []
+    for group in groups:
+        cells = [*(group.labels.get(label, "") for label in labels), str(sum(group.endings.values()))]
+        rows.append((*cells, *(_boundaries(group) if bounded else _medians(group, shown))))
+    return Table((*labels, "points", *columns), tuple(rows))
+
+
+def _pairing_table(summary: Summary, metrics: Sequence[str]) -> Table:
+    """Return the paired differences of each variant to the first one."""
+    rows = tuple(
+        (each.variant, each.against, each.quantity, str(each.difference), str(each.difference.count))
+        for each in summary.pairings
+        if each.quantity in ("passed", "boundary", *metrics)
+    )
+    return Table(("variant", "against", "quantity", "mean difference in pairs", "pairs"), rows)
+
+
+def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> Table:
+    """Return a row for each finished point: its place in the sweep, its ending and the reasons."""
+    keys = list(dict.fromkeys(key for point in sweep.points for key in point.levels))
+    found = [(point, rows[point.key]) for point in sweep.points if point.key in rows]
+    cells = tuple(
+        (
+            row.key[:12],
+            point.base,
+            point.variant,
+            *(level_text(point.levels.get(key, "")) for key in keys),
+            row.ending.value,
+            "" if row.boundary is None else f"{row.boundary:.4g}",
+            "; ".join(row.reasons),
+        )
+        for point, row in found
+    )
+    return Table(("point", "base", "variant", *keys, "ended", "boundary", "reasons"), cells)
+
+
+def search_words(sweep: Sweep, rows: Mapping[str, Row]) -> str:
+    """Return a sentence on the assumption of the sweep's bisection and its probes; empty without a bisection."""
+    search = sweep.settings.bisect
+    if search is None:
+        return ""
+    violations = sum(len(row.violations) for row in rows.values())
+    checked = f"{violations} probes below a boundary fail" if search.probes else "not checked (bisect.probes)"
+    return f"bisection of {search.key} assumes that a run that passes at a value passes at every smaller one: {checked}"
+
+
+def _boundaries(group: Group) -> tuple[str, ...]:
+    found = group.boundaries
+    return ("-", "-", "-") if found is None else (str(found.median), f"{found.low:.3g}", f"{found.high:.3g}")
+
+
+def _medians(group: Group, shown: Sequence[str]) -> Iterator[str]:
+    yield _percent(group.passed)
+    for name in shown:
+        scale = figure_words(name)[2]
+        yield f"{scale * group.metrics[name].value:.3g}" if name in group.metrics else "-"
+
+
+def _heading(metric: str) -> str:
+    words, unit, _ = figure_words(metric.rpartition(".")[2])
+    return f"median {words} / {unit}" if unit else f"median {words}"
+
+
+def _percent(passed: Estimate) -> str:
+    if not passed.count:
+        return "-"
+    return f"{100 * passed.value:.3g} % [{100 * passed.low:.3g}, {100 * passed.high:.3g}]"

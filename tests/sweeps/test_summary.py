@@ -7,8 +7,7 @@ import pytest
 
 from lgmpc.sweeps import Ending, Row, Sweep
 from lgmpc.sweeps.rows import mean_difference, median, share
-from lgmpc.sweeps.summary import summarize
-from lgmpc.sweeps.tables import level_table
+from lgmpc.sweeps.summary import group_table, summarize
 
 from .conftest import Parse
 
@@ -61,13 +60,13 @@ def test_shares_levels_and_pairs(parse: Parse) -> None:
         ("a", "0.8", 1.0),
         ("b", "0.8", 1.0),
     ]
-    assert [(level.labels["variant"], level.level, level.passed.value) for level in found.levels] == [
+    assert [(level.labels["variant"], level.labels["level"], level.passed.value) for level in found.levels] == [
         ("a", "0.4", 1.0),
         ("b", "0.4", 0.0),
         ("a", "0.8", 1.0),
         ("b", "0.8", 1.0),
     ]
-    assert level_table(found).rows[1][:4] == ("plant.friction", "0.4", "b", "1")
+    assert group_table(found.levels, ()).rows[1][:4] == ("plant.friction", "0.4", "b", "1")
     tilt = next(each for each in found.pairings if each.quantity == "max_tilt_deg")
     assert (tilt.variant, tilt.against, tilt.difference.value) == ("b", "a", ((1 - 0) + (9 - 4)) / 2)
     assert (found.passed, found.verdict, found.count) == (True, "pass", "3 of 4 points passed")

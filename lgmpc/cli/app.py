@@ -169,16 +169,18 @@ _command(studies.sweep)
 def play(
     run: RunName,
     html: Annotated[
-        Path | None, option("Write one self-contained page to this file instead of opening a viewer.")
+        Path | None, option("File for the page, not opened; replay.html in the run's own folder if not given.")
     ] = None,
-    port: Annotated[int, typer.Option(help="Port of the viewer on this machine; 0 takes any free one.")] = 0,
     runs: RunsFolder = Path("runs"),
 ) -> None:
-    """Replay a run or a solved trajectory in the browser: robot, forces, friction cones, pushes, horizon."""
+    """Replay a run or a solved trajectory in the browser: robot, forces, friction cones, pushes, horizon.
+
+    The page is one self-contained file, which any browser opens, on any machine.
+    """
     from lgmpc.config.showing import show
     from lgmpc.runs import find_run
 
-    file = show(find_run(run, runs), html, port=port)
+    file = show(find_run(run, runs), html)
     if file is not None:
         show_page(file)
 

@@ -35,7 +35,7 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
         view: open the scene in a browser, if it has one and there is a desktop.
         as_json: print the table as JSON.
     """
-    from lgmpc.viz import demo_page, draw_demo, has_desktop, serve_page, write_page
+    from lgmpc.viz import demo_page, draw_demo, open_page, write_page
 
     demo = load_demo(name)
     try:
@@ -57,8 +57,8 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
         print(_json(demo, outcome), end="")
     else:
         _print_table(demo, outcome, written)
-    if view and page and not as_json and has_desktop():
-        serve_page(page, demo.name, open_browser=True)
+    if view and page and not as_json:
+        open_page(written[-1])
     return 0 if outcome.agrees else 1
 
 

@@ -64,7 +64,6 @@ lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask
 play
 lgmpc play latest                          in the browser, with a time slider
 lgmpc play latest --html balance.html      one self-contained page
-lgmpc play latest --port 7000              on a fixed port, such as one that ssh forwards
 
 plot
 lgmpc plot latest                          into the run's own folder, figures/

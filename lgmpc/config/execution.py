@@ -107,11 +107,11 @@ class _Finished:
         """Return a table of the verdict and of some figures."""
         return self.result.html(self.folder.path)
 
-    def show(self, html: str | Path | None = None, *, port: int = 0) -> Path | None:
+    def show(self, html: str | Path | None = None) -> Path | None:
         """Replay it: embedded in a notebook, else in the browser, or as a file; see :func:`lgmpc.show`."""
         from lgmpc.config.showing import show
 
-        return show(self.folder.path, html, port=port)
+        return show(self.folder.path, html)
 
     def plot(self) -> Plots:
         """Draw its figures; see :func:`lgmpc.plot`."""

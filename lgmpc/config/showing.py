@@ -23,12 +23,11 @@ from lgmpc.runs.limited import Nearest, figure_margin
 from lgmpc.viz import (
     Plots,
     embed_page,
-    has_desktop,
+    open_page,
     plot_run,
     plot_trajectory,
     replay_page,
     run_report,
-    serve_page,
     solve_report,
     write_explanation,
     write_page,
@@ -45,27 +44,24 @@ if TYPE_CHECKING:
 __all__ = ["SolveExplanation", "explain", "plot", "plot_solution", "report", "show", "show_solution"]
 
 
-def show(
-    run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None, *, port: int = 0
-) -> Path | None:
-    """Replay a run: embedded in a notebook, else served to the browser until Ctrl-C, or written to a file.
+def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path | None:
+    """Replay a run: embedded in a notebook, else as ``replay.html`` in its folder, which the browser opens.
 
     Args:
         run: the value of :func:`run_config` or :func:`solve_config`, or a run folder, or ``latest``.
-        html: file for the page, which is self-contained; nothing is displayed.
-        port: TCP port of the server on this machine; 0 takes any free one. A notebook needs none.
+        html: another file for the page, which is self-contained; nothing is displayed.
 
     Returns:
-        The file, if one was written.
+        The file; ``None`` in a notebook.
 
     Raises:
         RunFolderError: if the folder is not a complete run, or the page cannot be written.
-        InputError: if the run has nothing to show, or the port is taken.
+        InputError: if the run has nothing to show.
     """
     loaded = _load(run)
     robot = _robot_of(loaded)
     page = replay_page(robot, loaded, None if isinstance(loaded, SolvedRun) else _ground_of(loaded))
-    return _display(page, loaded.path.name, html, port)
+    return _display(page, html, loaded.path / "replay.html")
 
 
 def show_solution(
@@ -74,9 +70,8 @@ def show_solution(
     html: str | Path | None = None,
     *,
     history: History | None = None,
-    port: int = 0,
 ) -> Path | None:
-    """Replay a solution of a user-defined problem, which no config describes.
+    """Replay a solution of a user-defined problem, which no config describes: as :func:`show` does, or ``<name>.html``.
 
     Args:
         scenario: the problem, its robot, and the contacts, forces and targets to display. Or the robot alone: times
@@ -84,18 +79,16 @@ def show_solution(
         solution: its solution, converged or not.
         html: see :func:`show`.
         history: the solver's reports.
-        port: see :func:`show`.
 
     Returns:
-        The file, if one was written.
+        The file; ``None`` in a notebook.
 
     Raises:
         RunFolderError: if the page cannot be written.
-        InputError: if the trajectory is not finite or of another robot, its intervals have no known length, or the
-            port is taken.
+        InputError: if the trajectory is not finite or of another robot, or its intervals have no known length.
     """
     robot, run = solution_as_run(scenario, solution, history)
-    return _display(replay_page(robot, run), run.result.name, html, port)
+    return _display(replay_page(robot, run), html, Path(f"{run.result.name}.html"))
 
 
 def plot_solution(scenario: Scenario | Robot, solution: Solution, *, history: History | None = None) -> Plots:
@@ -113,15 +106,16 @@ def plot_solution(scenario: Scenario | Robot, solution: Solution, *, history: Hi
     return plot_trajectory(robot, run)
 
 
-def _display(page: str, name: str, html: str | Path | None, port: int) -> Path | None:
-    """Write a page to a file, embed it in a notebook, or serve it."""
+def _display(page: str, html: str | Path | None, default: Path) -> Path | None:
+    """Write a page to a file, embed it in a notebook, or open it in the browser."""
     if html is not None:
         return write_page(page, html)
     if in_notebook():
         embed_page(page)
-    else:
-        serve_page(page, name, port=port, open_browser=has_desktop())
-    return None
+        return None
+    file = write_page(page, default)
+    open_page(file)
+    return file
 
 
 def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:

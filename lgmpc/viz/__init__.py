@@ -1,13 +1,13 @@
 """Replays and figures of runs, of solved trajectories and of demonstrations.
 
-A replay is one self-contained HTML page, saved by :func:`write_page` or served by :func:`serve_page`; figures are
+A replay is one self-contained HTML page, saved by :func:`write_page` and opened by :func:`open_page`; figures are
 matplotlib's, in :class:`Plots`. The viewer and matplotlib are imported when they are used.
 """
 
 from lgmpc.viz.demonstration import demo_page, draw_demo
 from lgmpc.viz.explanation_plots import write_explanation
 from lgmpc.viz.figure_files import Plots
-from lgmpc.viz.page import embed_page, has_desktop, serve_page, write_page
+from lgmpc.viz.page import embed_page, open_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.report import run_report, solve_report
@@ -18,12 +18,11 @@ __all__ = [
     "demo_page",
     "draw_demo",
     "embed_page",
-    "has_desktop",
+    "open_page",
     "plot_run",
     "plot_trajectory",
     "replay_page",
     "run_report",
-    "serve_page",
     "solve_report",
     "write_explanation",
     "write_page",

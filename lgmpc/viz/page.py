@@ -1,4 +1,4 @@
-"""Pages: one self-contained HTML text with viewer, scene, animation and time line; as file, by a server, in notebooks.
+"""Pages: one self-contained HTML text with viewer, scene, animation and time line; as file, in browser and notebooks.
 
 A page works from ``file://`` without a network. :mod:`lgmpc.viz.scene` defines the encoding of its arrays.
 """
@@ -6,37 +6,30 @@ A page works from ``file://`` without a network. :mod:`lgmpc.viz.scene` defines 
 from __future__ import annotations
 
 import base64
-import contextlib
 import html
 import importlib.util
 import os
 import sys
-import threading
 import webbrowser
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.errors import MissingDependencyError
 from lgmpc.runs import atomic_write
-from lgmpc.runs.atomic import reason_of
 from lgmpc.typing import Array
 from lgmpc.viz.scene import Scene
 
 __all__ = [
-    "PageServer",
     "Readout",
     "embed_page",
     "filled",
     "frame_of",
-    "has_desktop",
+    "open_page",
     "page_of",
-    "serve_page",
     "time_line",
     "write_page",
 ]
@@ -45,12 +38,6 @@ _READOUT_COLORS = ("#0072b2", "#8a5a9e")
 """Colours of the first and the second curve on the time line."""
 
 _FRAME_HEIGHT = 480  # px, in notebooks
-
-CONNECTIONS = 16
-"""Largest number of open connections of a server; a browser opens up to six."""
-
-IDLE_S = 5.0
-"""Time without data after which a server closes a connection, s."""
 
 
 @dataclass(frozen=True)
@@ -156,116 +143,15 @@ def embed_page(page: str, height: int = _FRAME_HEIGHT) -> None:
     display(HTML(frame_of(page, height)))  # type: ignore[no-untyped-call]
 
 
-def has_desktop() -> bool:
+def _has_desktop() -> bool:
     """Return whether a browser window can be opened."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def serve_page(
-    page: str, what: str, *, port: int = 0, open_browser: bool = False, notify: Callable[[str], None] = print
-) -> None:
-    """Serve a page on 127.0.0.1 until Ctrl-C.
-
-    Args:
-        page: the page.
-        what: name of the run in the message.
-        port: TCP port; 0 = any free one.
-        open_browser: open the page in the default browser.
-        notify: called with a line that contains the address.
-
-    Raises:
-        InputError: if the port is taken.
-    """
-    with PageServer(page, port) as server, contextlib.suppress(KeyboardInterrupt):
-        notify(f"Replay of {what}: {server.url}  (Ctrl-C ends it)")
-        if open_browser:
-            webbrowser.open(server.url)
-        threading.Event().wait()
-
-
-class PageServer:
-    """Context manager that serves one page to this machine.
-
-    Requests whose ``Host`` is another name than this machine's are refused: a page of another site whose name resolves
-    to 127.0.0.1 could otherwise read the answer. At most :data:`CONNECTIONS` are open, each for
-    :data:`IDLE_S` without data.
-
-    Args:
-        page: the page.
-        port: TCP port; 0 = any free one.
-
-    Raises:
-        InputError: if the port is taken.
-    """
-
-    def __init__(self, page: str, port: int = 0) -> None:
-        content = page.encode("utf-8")
-
-        class Handler(BaseHTTPRequestHandler):
-            timeout = IDLE_S
-
-            def do_GET(self) -> None:  # the name that the standard library requires
-                bound = self.connection.getsockname()[1]
-                known = [f"{name}:{bound}" for name in ("127.0.0.1", "localhost", "[::1]")]
-                status, body = 200, content
-                if self.headers.get("Host", "").lower() not in known:
-                    status, body = 403, f"unknown Host; this page is at http://{known[0]}/".encode()
-                elif self.path not in ("/", "/index.html"):
-                    status, body = 404, b"not found"
-                self.send_response(status)
-                self.send_header("Content-Type", "text/html; charset=utf-8")
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                with contextlib.suppress(ConnectionError):
-                    self.wfile.write(body)
-
-            def log_message(self, format: str, *args: object) -> None:
-                """Print nothing."""
-
-        try:
-            self._server = _BoundedServer(("127.0.0.1", port), Handler)
-        except (OSError, OverflowError) as error:
-            reason = reason_of(error) if isinstance(error, OSError) else "out of range"
-            raise InputError("port", port, f"a free TCP port ({reason}); 0 takes any") from error
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True)
-
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return f"http://127.0.0.1:{self._server.server_address[1]}/"
-
-    def __enter__(self) -> PageServer:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
-
-
-class _BoundedServer(ThreadingHTTPServer):
-    """A server with a thread for each of at most :data:`CONNECTIONS` connections; further ones are closed."""
-
-    request_queue_size = 4 * CONNECTIONS  # a shorter queue makes clients wait for seconds before they are refused
-
-    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
-        self._free = threading.BoundedSemaphore(CONNECTIONS)
-        super().__init__(address, handler)
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer a request in a thread, if one is free."""
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer a request."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
+def open_page(file: Path) -> None:
+    """Open a page's file in the default browser, if there is a desktop."""
+    if _has_desktop():
+        webbrowser.open(file.resolve().as_uri())
 
 
 def _viewer_folder() -> Path:

@@ -136,7 +136,13 @@ def test_a_missing_config_names_its_neighbour(invoke: Invoke) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["run"], ["run", BALANCE, "--plant", "gazebo"], ["fly"], ["run", BALANCE, "--nope"], ["play", "x", "--port", "y"]],
+    [
+        ["run"],
+        ["run", BALANCE, "--plant", "gazebo"],
+        ["fly"],
+        ["run", BALANCE, "--nope"],
+        ["robot", "x", "--port", "y"],
+    ],
     ids=["run", "plant", "command", "option", "port"],
 )
 def test_a_command_that_does_not_exist_is_refused(arguments: list[object], invoke: Invoke) -> None:

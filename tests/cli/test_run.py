@@ -115,3 +115,6 @@ def test_a_run_is_replayed_as_one_page(invoke: Invoke, tmp_path: Path) -> None:
     assert code == 0
     assert str(page) in output
     assert page.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
+    assert invoke("play", "latest", "--runs", tmp_path)[0] == 0
+    (own,) = tmp_path.glob("*/replay.html")
+    assert own.read_bytes() == page.read_bytes()

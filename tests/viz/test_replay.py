@@ -1,16 +1,8 @@
 from __future__ import annotations
 
 import base64
-import contextlib
-import http.client
 import os
 import re
-import signal
-import socket
-import threading
-import time
-import urllib.error
-import urllib.request
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +11,7 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.runs import Outcome, Verdict
-from lgmpc.viz.page import CONNECTIONS, PageServer, serve_page, write_page
+from lgmpc.viz.page import open_page, write_page
 from lgmpc.viz.replay import replay_page
 
 from .test_scene import unpack
@@ -123,96 +115,13 @@ def test_the_page_is_written_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
     assert [child.name for child in tmp_path.iterdir()] == ["replay.html"]
 
 
-def test_the_server_serves_this_machine_only() -> None:
-    with PageServer("<html>µ</html>") as server:
-        assert server.url.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(server.url, timeout=5) as response:
-            assert response.read().decode() == "<html>µ</html>"
-        with pytest.raises(urllib.error.HTTPError) as error:
-            urllib.request.urlopen(server.url + "../../etc/passwd", timeout=5)
-        error.value.close()
-        assert error.value.code == 404
-        port = server._server.server_address[1]
-        assert server._server.socket.getsockname()[0] == "127.0.0.1"
-        with pytest.raises(InputError, match=rf"port: got {port}; expected a free TCP port \(address already in use\)"):
-            PageServer("x", port)
-    with pytest.raises(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
-        pass
-
-
-def ask(port: int, host: str | None) -> tuple[int, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
-    connection.putrequest("GET", "/", skip_host=True)
-    if host is not None:
-        connection.putheader("Host", host)
-    connection.endheaders()
-    with contextlib.closing(connection):
-        answer = connection.getresponse()
-        return answer.status, answer.read()
-
-
-def test_the_server_answers_to_this_machines_names_only() -> None:
-    """Another site's page whose name resolves to 127.0.0.1 (DNS rebinding) must not read the run."""
-    with PageServer("<html>secret") as server:
-        port = server._server.server_address[1]
-        for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"LocalHost:{port}", f"[::1]:{port}"):
-            assert ask(port, host) == (200, b"<html>secret")
-        for other in (
-            f"evil.example:{port}",
-            "localhost",
-            f"127.0.0.1:{port + 1}",
-            f"localhost:{port}.evil.example",
-            "",
-            None,
-        ):
-            status, body = ask(port, other)
-            assert status == 403 and b"secret" not in body
-
-
-def test_idle_connections_are_bounded_and_closed(monkeypatch) -> None:
-    monkeypatch.setattr("lgmpc.viz.page.IDLE_S", 0.5)
-    before = threading.active_count()
-    with PageServer("<html>") as server, contextlib.ExitStack() as stack:
-        port = server._server.server_address[1]
-        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=5)) for _ in range(60)]
-        closed = [each.recv(1) for each in idle]  # those beyond the bound at once, the others after the time
-        assert closed == [b""] * 60
-        assert threading.active_count() - before <= CONNECTIONS + 1
-        deadline = time.monotonic() + 5.0
-        while threading.active_count() - before > 1 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert ask(port, f"localhost:{port}")[0] == 200
-
-
-def test_a_port_that_cannot_be_is_refused() -> None:
-    with pytest.raises(InputError, match="out of range"):
-        PageServer("x", 70000)
-
-
-def test_serving_prints_the_address_and_ends_with_ctrl_c() -> None:
-    messages: list[str] = []
-    pages: list[bytes] = []
-
-    def look_and_press(message: str) -> None:
-        messages.append(message)
-        threading.Thread(target=look, args=(message,)).start()
-
-    def look(message: str) -> None:
-        try:
-            url = re.search(r"http://127\.0\.0\.1:\d+/", message)
-            assert url is not None
-            with urllib.request.urlopen(url.group(0), timeout=5) as response:
-                pages.append(response.read())
-        finally:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    serve_page("<html>solo12_pushed</html>", "a run", notify=look_and_press)
-    assert len(messages) == 1
-    assert b"solo12_pushed" in pages[0]
-
-
-def test_ctrl_c_ends_serving_while_the_address_is_printed_too() -> None:
-    def interrupted(message: str) -> None:
-        raise KeyboardInterrupt
-
-    serve_page("<html>", "a run", notify=interrupted)
+def test_a_page_is_opened_where_there_is_a_desktop(tmp_path, monkeypatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    file = write_page("<html>", tmp_path / "a page.html")
+    open_page(file)
+    monkeypatch.setenv("DISPLAY", ":0")
+    open_page(file)
+    assert opened == [f"file://{tmp_path}/a%20page.html"]

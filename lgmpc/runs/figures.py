@@ -1,20 +1,45 @@
-"""Figures of merit by name, such as those of a solved problem: words, units and bounds."""
+"""Figures of merit: declarations with descriptions; words, units and bounds by name."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import field, fields
+from inspect import cleandoc
+from typing import Any, TypeVar
 
 __all__ = [
+    "described",
     "figure_number",
     "figure_of",
     "figure_words",
     "is_signed",
     "judge_figures",
     "length_unit",
+    "metric",
     "short_number",
     "unknown_bounds",
 ]
+
+T = TypeVar("T")
+
+
+def metric(description: str, **options: Any) -> Any:
+    """Declare a metric as a field of a dataclass.
+
+    Args:
+        description: noun phrase and unit; after a semicolon the details. The limits of the gate have it too.
+        options: of :func:`dataclasses.field`.
+    """
+    return field(metadata={"description": description}, **options)
+
+
+def described(kind: type[T]) -> type[T]:
+    """Add the descriptions of a dataclass' metrics to its docstring, and return it."""
+    lines = (f"    {each.name}: {each.metadata['description']}" for each in fields(kind))  # type: ignore[arg-type]
+    kind.__doc__ = "\n".join([f"{cleandoc(kind.__doc__ or '')}\n\nAttributes:", *lines])
+    return kind
+
 
 _UNITS = {
     "_rad_s": ("rad/s", 1.0),

@@ -22,8 +22,20 @@ Share = Fraction | None
 Count = Annotated[int, Field(strict=True, ge=0)] | None
 
 
-def _limit(description: str, default: float | None = None) -> Any:
-    return Field(default=default, description=description)
+_KINDS = (WalkingMetrics, ModeMetrics, Metrics)
+
+
+def _metric(limit: str) -> tuple[type, str]:
+    """Return the metric of a limit: the class and its field, named as the limit, with or without max_ or min_."""
+    names = [(kind, each.name) for kind in _KINDS for each in fields(kind)]
+    return next((kind, name) for kind, name in names if name in (limit, figure_of(limit)))
+
+
+def _limit(name: str, default: float | None = None) -> Any:
+    """Return the field of a limit, which has the description of its metric."""
+    kind, metric = _metric(name)
+    described = next(each for each in fields(kind) if each.name == metric)
+    return Field(default=default, description=described.metadata["description"])
 
 
 class Gate(Settings):
@@ -33,90 +45,61 @@ class Gate(Settings):
     default.
     """
 
-    steady_from_s: NonNegative = _limit(
-        "Time from which tracking errors and joint speeds are evaluated, s; not a limit.", 0.0
+    steady_from_s: NonNegative = Field(
+        default=0.0, description="Time from which tracking errors and joint speeds are evaluated, s; not a limit."
     )
-    max_tilt_deg: Bound = _limit("Largest tilt of the base, degrees.", 20.0)
-    max_displacement_m: Bound = _limit(
-        "Largest distance of the base from its initial or, with commands, its commanded position, m."
-    )
-    min_base_height_m: Bound = _limit("Lowest height of the base, m.")
-    min_base_height_fraction: Share = _limit(
-        "Lowest height of the base as a fraction of its initial height, 0 to 1.", 0.7
-    )
-    max_final_position_error_m: Bound = _limit(
-        "Distance of the base from its initial or, with commands, its commanded position at the end, m."
-    )
-    max_final_tilt_deg: Bound = _limit("Tilt of the base at the end, degrees.")
-    max_final_rotation_deg: Bound = _limit(
-        "Rotation of the base from its initial or, with commands, its commanded attitude at the end, yaw "
-        "included, degrees."
-    )
-    max_slip_m: Bound = _limit("Largest slip of a foot in contact, m.")
-    max_foot_displacement_m: Bound = _limit("Largest distance of a foot from its initial position, m.")
-    max_abs_torque_nm: Bound = _limit("Largest torque at any joint, N.m.")
-    max_torque_saturation_fraction: Share = _limit("Fraction of ticks with a joint at its torque limit, 0 to 1.", 0.1)
-    min_friction_margin_n: Finite | None = _limit(
-        "Smallest distance of a measured force from the friction cone's surface, N."
-    )
-    max_rms_joint_velocity_rad_s: Bound = _limit("RMS of the joint speeds from steady_from_s on, rad/s.")
-    max_com_rms_error_m: Bound = _limit("RMS distance of the centre of mass from its target from steady_from_s on, m.")
-    max_com_error_m: Bound = _limit("Largest distance of the centre of mass from its target from steady_from_s on, m.")
-    max_solver_failures: Count = _limit("MPC updates and whole-body ticks whose solver failed.", 0)
-    max_deadline_misses: Count = _limit(
-        "Ticks that took longer than their period, estimation and planning in them included."
-    )
-    max_mpc_p50_ms: Bound = _limit("Median duration of an MPC update, ms.")
-    max_wbc_p50_ms: Bound = _limit("Median duration of a whole-body tick, ms.")
-    min_real_time_factor: Bound = _limit("Simulated over elapsed time.")
-    max_velocity_rmse_m_s: Bound = _limit("RMS error of the velocity averaged over a stride at constant commands, m/s.")
-    max_raw_velocity_rmse_m_s: Bound = _limit("RMS error of the instantaneous velocity at constant commands, m/s.")
-    max_velocity_bias_m_s: Bound = _limit("Mean velocity error at any constant command, m/s.")
-    max_yaw_rate_rmse_rad_s: Bound = _limit(
-        "RMS error of the yaw rate averaged over a stride at constant commands, rad/s."
-    )
-    max_height_rmse_m: Bound = _limit("RMS error of the base's height at constant commands, m.")
-    max_height_std_m: Bound = _limit("Standard deviation of the base's height at any constant command, m.")
-    max_cost_of_transport: Bound = _limit(
-        "Cost of transport: integral of |torque x joint speed| over weight times distance."
-    )
-    min_steps: Count = _limit("Number of swings of all feet.")
-    max_lost_contacts: Count = _limit("Number of contacts lost during a stance.")
-    max_leg_collisions: Count = _limit(
-        "Number of times that two legs touch: capsules of the feet's radius along their links."
-    )
-    max_walking_tilt_deg: Bound = _limit("Largest tilt of the base while it walks, degrees.")
-    max_scuff_m: Bound = _limit("Largest distance that a foot slides over the floor in a swing, m.")
-    max_peak_impact_n: Bound = _limit("Largest normal force of a foot just after its touchdown, N.")
-    max_odometry_drift_percent: Bound = _limit(
-        "Error of the estimated base position at the end over the distance travelled, %."
-    )
-    max_recovery_time_s: Bound = _limit(
-        "Time from a push's end until the velocity is back within 0.05 m/s of the command, s."
-    )
-    max_stop_strides: Bound = _limit(
-        "Time from the end of the command's motion until the robot stands, in gait cycles."
-    )
-    max_final_foot_error_m: Bound = _limit(
-        "Distance of a foot at the end from its initial position relative to the other feet, m."
-    )
-    max_falls: Count = _limit("Falls; null: any number.", 0)
-    max_give_up_s: Bound = _limit("Time after a fall until the joints are damped, s.")
-    max_damped_rms_torque_nm: Bound = _limit("RMS torque of all joints while they are damped, N.m.")
-    min_rises: Count = _limit("Number of transitions from lying to standing.")
-    min_descents: Count = _limit("Number of transitions from standing to lying.")
-    max_torque_step_nm: Bound = _limit(
-        "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m."
-    )
-    min_maneuvers: Count = _limit("Number of manoeuvres performed to their end.")
-    min_maneuver_rise_m: Bound = _limit("Rise of the centre of mass in the last manoeuvre, m.")
-    max_maneuver_rise_m: Bound = _limit("Rise of the centre of mass in the last manoeuvre, m.")
-    min_maneuver_distance_m: Bound = _limit("Horizontal way of the centre of mass in the last manoeuvre, m.")
-    max_maneuver_distance_m: Bound = _limit("Horizontal way of the centre of mass in the last manoeuvre, m.")
-    min_maneuver_turn_deg: Finite | None = _limit("Turn of the heading to the left in the last manoeuvre, degrees.")
-    max_maneuver_turn_deg: Finite | None = _limit("Turn of the heading to the left in the last manoeuvre, degrees.")
-    min_flight_s: Bound = _limit("Time without contact in the last manoeuvre, s.")
-    max_landing_tilt_deg: Bound = _limit("Largest tilt of the base after the flight of the last manoeuvre, degrees.")
+    max_tilt_deg: Bound = _limit("max_tilt_deg", 20.0)
+    max_displacement_m: Bound = _limit("max_displacement_m")
+    min_base_height_m: Bound = _limit("min_base_height_m")
+    min_base_height_fraction: Share = _limit("min_base_height_fraction", 0.7)
+    max_final_position_error_m: Bound = _limit("max_final_position_error_m")
+    max_final_tilt_deg: Bound = _limit("max_final_tilt_deg")
+    max_final_rotation_deg: Bound = _limit("max_final_rotation_deg")
+    max_slip_m: Bound = _limit("max_slip_m")
+    max_foot_displacement_m: Bound = _limit("max_foot_displacement_m")
+    max_abs_torque_nm: Bound = _limit("max_abs_torque_nm")
+    max_torque_saturation_fraction: Share = _limit("max_torque_saturation_fraction", 0.1)
+    min_friction_margin_n: Finite | None = _limit("min_friction_margin_n")
+    max_rms_joint_velocity_rad_s: Bound = _limit("max_rms_joint_velocity_rad_s")
+    max_com_rms_error_m: Bound = _limit("max_com_rms_error_m")
+    max_com_error_m: Bound = _limit("max_com_error_m")
+    max_solver_failures: Count = _limit("max_solver_failures", 0)
+    max_deadline_misses: Count = _limit("max_deadline_misses")
+    max_mpc_p50_ms: Bound = Field(default=None, description="Median duration of an MPC update, ms.")
+    max_wbc_p50_ms: Bound = Field(default=None, description="Median duration of a whole-body tick, ms.")
+    min_real_time_factor: Bound = _limit("min_real_time_factor")
+    max_velocity_rmse_m_s: Bound = _limit("max_velocity_rmse_m_s")
+    max_raw_velocity_rmse_m_s: Bound = _limit("max_raw_velocity_rmse_m_s")
+    max_velocity_bias_m_s: Bound = _limit("max_velocity_bias_m_s")
+    max_yaw_rate_rmse_rad_s: Bound = _limit("max_yaw_rate_rmse_rad_s")
+    max_height_rmse_m: Bound = _limit("max_height_rmse_m")
+    max_height_std_m: Bound = _limit("max_height_std_m")
+    max_cost_of_transport: Bound = _limit("max_cost_of_transport")
+    min_steps: Count = _limit("min_steps")
+    max_lost_contacts: Count = _limit("max_lost_contacts")
+    max_leg_collisions: Count = _limit("max_leg_collisions")
+    max_walking_tilt_deg: Bound = _limit("max_walking_tilt_deg")
+    max_scuff_m: Bound = _limit("max_scuff_m")
+    max_peak_impact_n: Bound = _limit("max_peak_impact_n")
+    max_odometry_drift_percent: Bound = _limit("max_odometry_drift_percent")
+    max_recovery_time_s: Bound = _limit("max_recovery_time_s")
+    max_stop_strides: Bound = _limit("max_stop_strides")
+    max_final_foot_error_m: Bound = _limit("max_final_foot_error_m")
+    max_falls: Count = _limit("max_falls", 0)
+    max_give_up_s: Bound = _limit("max_give_up_s")
+    max_damped_rms_torque_nm: Bound = _limit("max_damped_rms_torque_nm")
+    min_rises: Count = _limit("min_rises")
+    min_descents: Count = _limit("min_descents")
+    max_torque_step_nm: Bound = _limit("max_torque_step_nm")
+    min_maneuvers: Count = _limit("min_maneuvers")
+    min_maneuver_rise_m: Bound = _limit("min_maneuver_rise_m")
+    max_maneuver_rise_m: Bound = _limit("max_maneuver_rise_m")
+    min_maneuver_distance_m: Bound = _limit("min_maneuver_distance_m")
+    max_maneuver_distance_m: Bound = _limit("max_maneuver_distance_m")
+    min_maneuver_turn_deg: Finite | None = _limit("min_maneuver_turn_deg")
+    max_maneuver_turn_deg: Finite | None = _limit("max_maneuver_turn_deg")
+    min_flight_s: Bound = _limit("min_flight_s")
+    max_landing_tilt_deg: Bound = _limit("max_landing_tilt_deg")
 
     @property
     def limits(self) -> dict[str, float]:
@@ -234,9 +217,7 @@ def measured(metrics: Metrics, limit: str) -> float | None:
     if limit in ("max_mpc_p50_ms", "max_wbc_p50_ms"):
         timing = metrics.mpc_ms if limit == "max_mpc_p50_ms" else metrics.wbc_ms
         return None if timing is None else timing.p50
-    groups = ((metrics.walking, WalkingMetrics), (metrics.modes, ModeMetrics), (metrics, Metrics))
-    for owner, kind in groups:
-        for name in {each.name for each in fields(kind)} & {limit, figure_of(limit)}:
-            value = getattr(owner, name, None)
-            return None if value is None else float(value)
-    raise AttributeError(limit)
+    kind, name = _metric(limit)
+    owner = {WalkingMetrics: metrics.walking, ModeMetrics: metrics.modes, Metrics: metrics}[kind]
+    value = getattr(owner, name, None)
+    return None if value is None else float(value)

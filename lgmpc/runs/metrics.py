@@ -14,6 +14,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
 from lgmpc.runs.atomic import Number
+from lgmpc.runs.figures import described, metric
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import SENSOR_FAULTS, RunLog
@@ -37,52 +38,38 @@ __all__ = [
 ]
 
 
+@described
 @dataclass(frozen=True)
 class EstimatorErrors:
     """Errors of the estimate over a run.
 
     Position and yaw are not observable by the robot's own sensors: their errors are drift.
-
-    Attributes:
-        max_position_m: largest distance between estimated and true base position.
-        final_position_m: distance at the end.
-        max_tilt_deg: largest angle between estimated and true vertical in the base.
-        max_yaw_deg: largest absolute error of the yaw.
-        final_yaw_deg: absolute error of the yaw at the end.
-        rms_velocity_m_s: RMS norm of the error of the base's linear velocity, base axes.
-        max_velocity_m_s: largest norm of this error.
-        wrong_contact_fraction: fraction of feet and ticks whose contact was classified wrongly.
-        rejected_measurements: of feet in contact that slid, or had just touched down; None in older runs.
     """
 
-    max_position_m: float
-    final_position_m: float
-    max_tilt_deg: float
-    max_yaw_deg: float
-    final_yaw_deg: float
-    rms_velocity_m_s: float
-    max_velocity_m_s: float
-    wrong_contact_fraction: float
-    rejected_measurements: int | None = None
+    max_position_m: float = metric("Largest distance between estimated and true base position, m.")
+    final_position_m: float = metric("Distance at the end, m.")
+    max_tilt_deg: float = metric("Largest angle between estimated and true vertical in the base, degrees.")
+    max_yaw_deg: float = metric("Largest absolute error of the yaw, degrees.")
+    final_yaw_deg: float = metric("Absolute error of the yaw at the end, degrees.")
+    rms_velocity_m_s: float = metric("RMS norm of the error of the base's linear velocity, base axes, m/s.")
+    max_velocity_m_s: float = metric("Largest norm of this error, m/s.")
+    wrong_contact_fraction: float = metric("Fraction of feet and ticks whose contact was classified wrongly.")
+    rejected_measurements: int | None = metric(
+        "Number of rejected measurements; of feet in contact that slid, or had just touched down; None in older runs.",
+        default=None,
+    )
 
 
+@described
 @dataclass(frozen=True)
 class SensorFaults:
-    """Ticks in which a quantity's reading could not be true and was replaced.
+    """Ticks in which a quantity's reading could not be true and was replaced."""
 
-    Attributes:
-        gyro: of the angular velocity.
-        accelerometer: of the specific force.
-        joints: of a joint angle.
-        speeds: of a joint's speed.
-        torques: of a joint torque.
-    """
-
-    gyro: int
-    accelerometer: int
-    joints: int
-    speeds: int
-    torques: int
+    gyro: int = metric("Of the angular velocity.")
+    accelerometer: int = metric("Of the specific force.")
+    joints: int = metric("Of a joint angle.")
+    speeds: int = metric("Of a joint's speed.")
+    torques: int = metric("Of a joint torque.")
 
     @classmethod
     def of(cls, log: RunLog) -> SensorFaults | None:
@@ -146,81 +133,72 @@ class Timing:
     max: float
 
 
+@described
 @dataclass(frozen=True)
 class Metrics:
-    """The metrics of a run; ``None`` where there was nothing to measure.
+    """The metrics of a run; ``None`` where there was nothing to measure."""
 
-    Attributes:
-        survived_s: time until the base fell (below half its first or its target height, tilted beyond 45 degrees, or
-            not finite); the whole duration if it did not. A robot that lies, rises or lies down has not fallen.
-        fell: whether it fell.
-        max_tilt_deg: largest angle between the base's upright axis and the normal of the ground. The upright axis is
-            the one that is vertical in the reference posture, so yaw does not count.
-        max_displacement_m: largest distance of the base's position from its initial one or, in a run with motion
-            commands, from the commanded one (the target base pose).
-        min_base_height_m: lowest base height above the ground, along its normal.
-        final_position_error_m: distance of the last base position from the first, or from the target.
-        final_tilt_deg: tilt at the end.
-        final_rotation_deg: angle of the rotation from the first base orientation, or from the last target, to the
-            last one, yaw included.
-        max_slip_m: largest distance along the ground of a contact point from its position at the start of the
-            stance, including the rolling of spherical feet.
-        max_foot_displacement_m: largest distance along the ground of a contact point from its initial position,
-            steps included.
-        max_abs_torque_nm: largest torque applied.
-        torque_saturation_fraction: fraction of the ticks in which at least one joint was at its limit.
-        min_friction_margin_n: smallest ``mu f_n - |f_t|`` of the measured forces over closed contacts and time.
-        rms_joint_velocity_rad_s: RMS over joints and time, from ``steady_from_s`` on.
-        com_rms_error_m: RMS distance of the centre of mass from its target, from ``steady_from_s`` on.
-        max_com_error_m: largest such distance, from ``steady_from_s`` on.
-        solver_failures: ticks and MPC updates without a solution.
-        deadline_misses: ticks that took longer than their period, estimation and planning in them included.
-        mpc_ms: duration of the MPC updates, with the contacts ahead and the sampling of the plan.
-        wbc_ms: duration of the whole-body controller's ticks.
-        real_time_factor: simulated over elapsed time.
-        estimator_ms: duration of the estimator's ticks.
-        estimator: errors of the controller's estimate.
-        min_base_height_fraction: lowest base height over the first; 1 for a fixed base.
-        walking: metrics of commanded motion; None for a run without commands.
-        falls: number of falls; a fall ends when the robot folds its legs again.
-        leg_collisions: number of times that two legs touched; None where they were not compared.
-        sensor_faults: replaced readings of sensors; None where they were not monitored.
-        forecast_ms: duration of the ticks' forecasts of steps against a push, where there were any.
-        joint_friction_nm: estimated friction of the joints at the end, mean of all; None where it was not estimated.
-        modes: metrics of falls, lying and rising; None where modes were not recorded.
-    """
-
-    survived_s: Number
-    fell: bool
-    max_tilt_deg: Number
-    max_displacement_m: Number
-    min_base_height_m: Number
-    final_position_error_m: Number
-    final_tilt_deg: Number
-    final_rotation_deg: Number
-    max_slip_m: Number
-    max_foot_displacement_m: Number
-    max_abs_torque_nm: Number
-    torque_saturation_fraction: Number
-    min_friction_margin_n: float | None
-    rms_joint_velocity_rad_s: float | None
-    com_rms_error_m: float | None
-    max_com_error_m: float | None
-    solver_failures: int
-    deadline_misses: int
-    mpc_ms: Timing | None
-    wbc_ms: Timing | None
-    real_time_factor: float | None
-    estimator_ms: Timing | None = None
-    estimator: EstimatorErrors | None = None
-    min_base_height_fraction: float | None = None
-    walking: WalkingMetrics | None = None
-    falls: int = 0
-    modes: ModeMetrics | None = None
-    joint_friction_nm: float | None = None
-    leg_collisions: int | None = None
-    forecast_ms: Timing | None = None
-    sensor_faults: SensorFaults | None = None
+    survived_s: Number = metric(
+        "Time until the base fell, s; below half its first or its target height, tilted beyond 45 degrees, or not "
+        "finite; the whole duration if it did not. A robot that lies, rises or lies down has not fallen."
+    )
+    fell: bool = metric("Whether it fell.")
+    max_tilt_deg: Number = metric(
+        "Largest tilt of the base, degrees; the angle between its upright axis, which is vertical in the reference "
+        "posture, and the normal of the ground, so that yaw does not count."
+    )
+    max_displacement_m: Number = metric(
+        "Largest distance of the base from its initial or, with commands, its commanded position, m."
+    )
+    min_base_height_m: Number = metric("Lowest height of the base, m; above the ground, along its normal.")
+    final_position_error_m: Number = metric(
+        "Distance of the base from its initial or, with commands, its commanded position at the end, m."
+    )
+    final_tilt_deg: Number = metric("Tilt of the base at the end, degrees.")
+    final_rotation_deg: Number = metric(
+        "Rotation of the base from its initial or, with commands, its commanded attitude at the end, yaw "
+        "included, degrees."
+    )
+    max_slip_m: Number = metric(
+        "Largest slip of a foot in contact, m; the distance along the ground of a contact point from its position at "
+        "the start of the stance, including the rolling of spherical feet."
+    )
+    max_foot_displacement_m: Number = metric(
+        "Largest distance of a foot from its initial position, m; along the ground, steps included."
+    )
+    max_abs_torque_nm: Number = metric("Largest torque at any joint, N.m.")
+    torque_saturation_fraction: Number = metric("Fraction of ticks with a joint at its torque limit, 0 to 1.")
+    min_friction_margin_n: float | None = metric(
+        "Smallest distance of a measured force from the friction cone's surface, N; mu f_n - |f_t| of closed contacts."
+    )
+    rms_joint_velocity_rad_s: float | None = metric("RMS of the joint speeds from steady_from_s on, rad/s.")
+    com_rms_error_m: float | None = metric(
+        "RMS distance of the centre of mass from its target from steady_from_s on, m."
+    )
+    max_com_error_m: float | None = metric(
+        "Largest distance of the centre of mass from its target from steady_from_s on, m."
+    )
+    solver_failures: int = metric("MPC updates and whole-body ticks whose solver failed.")
+    deadline_misses: int = metric("Ticks that took longer than their period, estimation and planning in them included.")
+    mpc_ms: Timing | None = metric("Duration of an MPC update, ms; contacts ahead and sampling of the plan included.")
+    wbc_ms: Timing | None = metric("Duration of a whole-body tick, ms.")
+    real_time_factor: float | None = metric("Simulated over elapsed time.")
+    estimator_ms: Timing | None = metric("Duration of the estimator's tick, ms.", default=None)
+    estimator: EstimatorErrors | None = metric("Errors of the controller's estimate.", default=None)
+    min_base_height_fraction: float | None = metric(
+        "Lowest height of the base as a fraction of its initial height, 0 to 1; 1 for a fixed base.", default=None
+    )
+    walking: WalkingMetrics | None = metric("Metrics of commanded motion.", default=None)
+    falls: int = metric("Falls; one ends when the robot folds its legs again.", default=0)
+    modes: ModeMetrics | None = metric("Metrics of falls, lying, rising and manoeuvres.", default=None)
+    joint_friction_nm: float | None = metric(
+        "Estimated friction of the joints at the end, mean of all, N.m.", default=None
+    )
+    leg_collisions: int | None = metric(
+        "Number of times that two legs touch; capsules of the feet's radius along their links.", default=None
+    )
+    forecast_ms: Timing | None = metric("Duration of a tick's forecasts of steps against a push, ms.", default=None)
+    sensor_faults: SensorFaults | None = metric("Replaced readings of sensors.", default=None)
 
 
 def compute_metrics(

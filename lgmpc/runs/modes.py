@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.lie import attitude, quaternion
+from lgmpc.runs.figures import described, metric
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.typing import BoolArray
@@ -25,35 +26,32 @@ LOW_MODES = ("lie", "rise", "sit", "maneuver")
 """Modes in which the base may be low by design; a manoeuvre that fails ends in another."""
 
 
+@described
 @dataclass(frozen=True)
 class ModeMetrics:
-    """Metrics of falls, lying, rising and manoeuvres. ``None`` where there was nothing to measure.
+    """Metrics of falls, lying, rising and manoeuvres. ``None`` where there was nothing to measure."""
 
-    Attributes:
-        give_up_s: longest time after a fall until the joints are damped.
-        damped_rms_torque_nm: RMS torque of all joints while they are damped.
-        rises: number of transitions from lying to standing.
-        descents: number of transitions from standing to lying.
-        torque_step_nm: largest change of a joint's torque between two ticks while it lies, rises or lies down.
-        maneuvers: number of manoeuvres performed to their end.
-        maneuver_rise_m: rise of the centre of mass in the last of them, from its beginning.
-        maneuver_distance_m: horizontal distance from its beginning to its end.
-        maneuver_turn_deg: change of the heading, to the left, -180 to 180.
-        flight_s: time in it without contact.
-        landing_tilt_deg: largest tilt after its flight.
-    """
-
-    give_up_s: float | None
-    damped_rms_torque_nm: float | None
-    rises: int
-    descents: int
-    torque_step_nm: float | None
-    maneuvers: int = 0
-    maneuver_rise_m: float | None = None
-    maneuver_distance_m: float | None = None
-    maneuver_turn_deg: float | None = None
-    flight_s: float | None = None
-    landing_tilt_deg: float | None = None
+    give_up_s: float | None = metric("Time after a fall until the joints are damped, s; the longest.")
+    damped_rms_torque_nm: float | None = metric("RMS torque of all joints while they are damped, N.m.")
+    rises: int = metric("Number of transitions from lying to standing.")
+    descents: int = metric("Number of transitions from standing to lying.")
+    torque_step_nm: float | None = metric(
+        "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m; the largest."
+    )
+    maneuvers: int = metric("Number of manoeuvres performed to their end.", default=0)
+    maneuver_rise_m: float | None = metric(
+        "Rise of the centre of mass in the last manoeuvre, m; from its beginning.", default=None
+    )
+    maneuver_distance_m: float | None = metric(
+        "Horizontal way of the centre of mass in the last manoeuvre, m; from beginning to end.", default=None
+    )
+    maneuver_turn_deg: float | None = metric(
+        "Turn of the heading to the left in the last manoeuvre, degrees; -180 to 180.", default=None
+    )
+    flight_s: float | None = metric("Time without contact in the last manoeuvre, s.", default=None)
+    landing_tilt_deg: float | None = metric(
+        "Largest tilt of the base after the flight of the last manoeuvre, degrees.", default=None
+    )
 
 
 def fallen_ticks(log: RunLog) -> BoolArray:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.lie import attitude, so3
+from lgmpc.runs.figures import described, metric
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import push_intervals
 from lgmpc.runs.log import CONTACT_STATES, RunLog
@@ -35,53 +36,61 @@ IMPACT_S = 0.02
 """Duration of the impact after a touchdown, s."""
 
 
+@described
 @dataclass(frozen=True)
 class WalkingMetrics:
     """Metrics of a robot that follows motion commands. ``None`` where there was nothing to measure.
 
-    Attributes:
-        velocity_rmse_m_s: RMS norm of the error of the planar velocity averaged over a stride, on plateaus.
-        raw_velocity_rmse_m_s: RMS norm of the error of the instantaneous planar velocity, on plateaus.
-        velocity_bias_m_s: norm of the mean velocity error on a plateau, the largest of all plateaus.
-        yaw_rate_rmse_rad_s: RMS error of the yaw rate averaged over a stride, on plateaus.
-        height_rmse_m: RMS error of the base's height above the ground, on plateaus.
-        height_std_m: standard deviation of the base's height within a plateau, the largest of all plateaus.
-        cost_of_transport: integral of ``|torque x joint speed|`` over weight x distance in the commanded direction, on
-            plateaus with a planar velocity.
-        steps: number of swings of all feet.
-        lost_contacts: number of contacts lost during a stance, of all feet.
-        walking_tilt_deg: largest tilt while the command is not zero or a foot swings.
-        max_scuff_m: largest distance that a foot slides over the ground within one swing.
-        peak_impact_n: largest normal force of a foot within 20 ms from the end of a swing.
-        odometry_drift_percent: error of the estimated base position at the end over the distance travelled;
-            None without an estimator.
-        recovery_time_s: time from the end of a push until the velocity averaged over a stride stays within 0.05 m/s
-            of the command (until the next push or change of the command); the largest of all pushes.
-        ends_standing: whether the robot stands at the end: all feet in stance, slower than 2 cm/s. None if the last
-            command is not zero.
-        stop_strides: time from the end of the command's motion until the robot stands to the end of the run, in gait
-            cycles.
-        final_foot_error_m: largest horizontal distance of a foot at the end from its initial position relative to the
-            other feet (the median of all), in axes that turn with the base; of a robot that ends standing.
+    Plateaus are intervals of constant commands, settled, see the module.
     """
 
-    velocity_rmse_m_s: float | None
-    raw_velocity_rmse_m_s: float | None
-    velocity_bias_m_s: float | None
-    yaw_rate_rmse_rad_s: float | None
-    height_rmse_m: float | None
-    height_std_m: float | None
-    cost_of_transport: float | None
-    steps: int
-    lost_contacts: int
-    walking_tilt_deg: float
-    max_scuff_m: float
-    peak_impact_n: float | None
-    odometry_drift_percent: float | None
-    recovery_time_s: float | None
-    ends_standing: bool | None
-    stop_strides: float | None
-    final_foot_error_m: float | None
+    velocity_rmse_m_s: float | None = metric(
+        "RMS error of the velocity averaged over a stride at constant commands, m/s; planar."
+    )
+    raw_velocity_rmse_m_s: float | None = metric(
+        "RMS error of the instantaneous velocity at constant commands, m/s; planar."
+    )
+    velocity_bias_m_s: float | None = metric(
+        "Mean velocity error at any constant command, m/s; the largest of all plateaus."
+    )
+    yaw_rate_rmse_rad_s: float | None = metric(
+        "RMS error of the yaw rate averaged over a stride at constant commands, rad/s."
+    )
+    height_rmse_m: float | None = metric("RMS error of the base's height at constant commands, m; above the ground.")
+    height_std_m: float | None = metric(
+        "Standard deviation of the base's height at any constant command, m; the largest of all plateaus."
+    )
+    cost_of_transport: float | None = metric(
+        "Cost of transport: integral of |torque x joint speed| over weight times distance; in the commanded direction, "
+        "on plateaus with a planar velocity."
+    )
+    steps: int = metric("Number of swings of all feet.")
+    lost_contacts: int = metric("Number of contacts lost during a stance.")
+    walking_tilt_deg: float = metric(
+        "Largest tilt of the base while it walks, degrees; while the command is not zero or a foot swings."
+    )
+    max_scuff_m: float = metric("Largest distance that a foot slides over the floor in a swing, m.")
+    peak_impact_n: float | None = metric(
+        "Largest normal force of a foot just after its touchdown, N; within 20 ms from the end of a swing."
+    )
+    odometry_drift_percent: float | None = metric(
+        "Error of the estimated base position at the end over the distance travelled, %; None without an estimator."
+    )
+    recovery_time_s: float | None = metric(
+        "Time from a push's end until the velocity is back within 0.05 m/s of the command, s; averaged over a stride, "
+        "until the next push or change of the command; the largest of all pushes."
+    )
+    ends_standing: bool | None = metric(
+        "Whether the robot stands at the end; all feet in stance, slower than 2 cm/s. None if the last command is not "
+        "zero."
+    )
+    stop_strides: float | None = metric(
+        "Time from the end of the command's motion until the robot stands, in gait cycles; to the end of the run."
+    )
+    final_foot_error_m: float | None = metric(
+        "Distance of a foot at the end from its initial position relative to the other feet, m; the largest, "
+        "horizontal, from the median of all, in axes that turn with the base, of a robot that ends standing."
+    )
 
 
 def walking_metrics(log: RunLog, end: int) -> WalkingMetrics | None:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
-    "ClusterError",
     "CompileError",
     "ConfigError",
     "ConfigErrors",
@@ -215,10 +214,6 @@ class SolverError(LgmpcError):
         self.status = status
         self.remedy = remedy
         super().__init__(f"{solver}: {status}. {remedy}")
-
-
-class ClusterError(LgmpcError):
-    """Worker processes on other machines that cannot be used, or whose connection is lost."""
 
 
 class MissingDependencyError(LgmpcError):

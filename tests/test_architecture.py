@@ -103,7 +103,6 @@ OWNERS: dict[str, str] = {
     "IPython": "notebook viz",
     "rich": "cli",
     "optuna": "sweeps.study sweeps.tuning",
-    "distributed": "sweeps.pool",
 }
 
 # Packages that must not be loaded by importing the package or a subpackage that computes: slow, or with a display.

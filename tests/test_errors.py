@@ -23,7 +23,6 @@ EXAMPLES: dict[type[BaseException], BaseException] = {
         errors.ModelError("arm", ["no mass", "no feet"]),
         errors.CompileError("f", "cc -c f.c", "f.c:1: error"),
         errors.SolverError("fddp", "stalled", "Relax it."),
-        errors.ClusterError("the connection is lost"),
         errors.MissingDependencyError("optuna", "lgmpc tune", "pip install optuna"),
         errors.Interrupted(signal.SIGTERM),
         errors.ReplayError("runs/a", "at tick 3", "Another machine."),

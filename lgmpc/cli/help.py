@@ -59,7 +59,7 @@ lgmpc sweep push_map --set "factors.1.values=[0.4, 0.5, 0.7]" --out /tmp/push_ma
 lgmpc sweep ablation --set base=solo12_velocity    each part of the controller taken away, in pairs
 lgmpc sweep random_1000 --set samples.count=50 --out /tmp/random --json | jq .groups
 lgmpc sweep push_map --resume              continue after Ctrl-C
-lgmpc sweep push_map --dask tcp://host:8786 --resume    on the workers of a Dask scheduler
+lgmpc sweep random_1000 --part 2/16 --out part_2    a sixteenth, as one of 16 machines
 
 play
 lgmpc play latest                          in the browser, with a time slider

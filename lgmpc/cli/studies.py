@@ -41,9 +41,9 @@ def sweep(
     overrides: Overrides = [],  # noqa: B006
     out: NewFolder = None,
     workers: Workers = None,
-    dask: Annotated[
-        str | None, option("Compute on a Dask cluster: the address of its scheduler (extra `dask`).", metavar="ADDRESS")
-    ] = None,
+    part: Annotated[
+        str, option("Compute every N-th point only, from the K-th on, as one of N machines.", metavar="K/N")
+    ] = "1/1",
     resume: Resume = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -56,9 +56,9 @@ def sweep(
     from lgmpc.sweeps import load_sweep
 
     loaded = load_sweep(file, [*overrides, *more])
-    from lgmpc.cli.sweeping import Job, sweep_shown
+    from lgmpc.cli.sweeping import Job, part_of, sweep_shown
 
-    return sweep_shown(loaded, Job(out, workers, resume, as_json, quiet), dask)
+    return sweep_shown(part_of(loaded, part), Job(out, workers, resume, as_json, quiet))
 
 
 def compare(

@@ -17,7 +17,7 @@ from rich.text import Text
 
 from lgmpc.cli.display import counting_display
 from lgmpc.cli.screen import err, out, show_table
-from lgmpc.errors import Interrupted
+from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, find_run, versions
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.tables import Table
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lgmpc.sweeps.study import Tuned
     from lgmpc.sweeps.tuning import Score, TuningProblem
 
-__all__ = ["Job", "compare_shown", "sweep_shown", "tune_shown"]
+__all__ = ["Job", "compare_shown", "part_of", "sweep_shown", "tune_shown"]
 
 _MOST_REASONS = 5
 
@@ -47,9 +47,17 @@ class Job:
     quiet: bool
 
 
-def sweep_shown(sweep: Sweep, job: Job, dask: str | None) -> int:
+def part_of(sweep: Sweep, text: str) -> Sweep:
+    """Return a part ``K/N`` of a sweep."""
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal()):
+        raise InputError("--part", text, "K/N, such as 2/16")
+    return sweep.part(int(number), int(count))
+
+
+def sweep_shown(sweep: Sweep, job: Job) -> int:
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
-    finished = _swept(sweep, job, dask)
+    finished = _swept(sweep, job)
     summary = finished.summary
     content = summary.content() | {"versions": dict(versions())}
     _write(finished.folder / SUMMARY, content)
@@ -63,11 +71,11 @@ def sweep_shown(sweep: Sweep, job: Job, dask: str | None) -> int:
     return 0 if summary.passed else 1
 
 
-def _swept(sweep: Sweep, job: Job, dask: str | None = None) -> FinishedSweep:
+def _swept(sweep: Sweep, job: Job) -> FinishedSweep:
     """Run a sweep, showing its progress."""
     total = len({point.key for point in sweep.points})
     with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=job.quiet) as display:
-        compute = partial(run_sweep, sweep, job.folder, workers=job.workers, dask=dask, resume=job.resume)
+        compute = partial(run_sweep, sweep, job.folder, workers=job.workers, resume=job.resume)
         return compute(notify=display.announce, progress=display.advance)
 
 

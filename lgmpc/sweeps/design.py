@@ -8,7 +8,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -73,6 +73,16 @@ class Sweep:
     settings: SweepSettings
     points: tuple[Point, ...]
     bases: tuple[Config, ...]
+
+    def part(self, number: int, count: int) -> Sweep:
+        """Return every ``count``-th point, from the ``number``-th on: a part for one of several machines.
+
+        Raises:
+            InputError: a number that is not from 1 to ``count``.
+        """
+        if not 1 <= number <= count:
+            raise InputError("part", f"{number}/{count}", "K/N, K from 1 to N")
+        return replace(self, points=self.points[number - 1 :: count])
 
 
 def load_sweep(path: str | Path, overrides: list[str] | tuple[str, ...] = ()) -> Sweep:

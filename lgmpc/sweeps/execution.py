@@ -15,7 +15,7 @@ from lgmpc.errors import InputError, Interrupted
 from lgmpc.notebook import html_table, reports
 from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.folder import SweepFolder
-from lgmpc.sweeps.pool import DaskPool, Died, Hung, Pool, available_cores
+from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.summary import Summary, summarize, summary_tables
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
@@ -97,7 +97,6 @@ def run_sweep(
     folder: str | Path | None = None,
     *,
     workers: int | None = None,
-    dask: str | None = None,
     resume: bool = False,
     notify: Callable[[str], None] | None = None,
     progress: Callable[[SweepProgress], None] | None = None,
@@ -112,26 +111,23 @@ def run_sweep(
             :func:`load_sweep`, which takes changes too.
         folder: its folder; ``sweeps/<name>`` unless given.
         workers: number of processes; that of the processors unless given.
-        dask: address of a Dask scheduler, such as ``tcp://host:8786``, whose workers compute the points instead of
-            processes of this machine.
         resume: whether to continue in an existing folder.
         notify: called with a description of what is being prepared.
         progress: called after every point. In a notebook a bar displays both unless either is given.
 
     Raises:
         ConfigError: as :func:`load_sweep`.
-        InputError: ``workers`` is below 1, or given with a cluster, which has its own.
+        InputError: ``workers`` is below 1.
         RunFolderError: as :meth:`SweepFolder.open`, or if results cannot be written.
-        ClusterError: the cluster cannot be used, or the connection to it is lost.
     """
     if isinstance(sweep, Mapping):
         sweep = parse_sweep(write_yaml(dict(sweep)))
     elif not isinstance(sweep, Sweep):
         sweep = load_sweep(sweep)
     folder = Path("sweeps") / sweep.settings.name if folder is None else Path(folder)
-    if workers is not None and (workers < 1 or dask is not None):
-        raise InputError("workers", workers, "at least 1" if dask is None else "none: the cluster has its own")
-    limit, received = sweep.settings.time_limit_s, None
+    if workers is not None and workers < 1:
+        raise InputError("workers", workers, "at least 1")
+    received = None
     with (
         closing(SweepFolder.open(folder, sweep, resume=resume)) as place,
         reports(notify, progress, _counted) as (announce, advance),
@@ -140,9 +136,7 @@ def run_sweep(
         try:
             with stop_signals() as stop:
                 if session.now.done < session.now.total:
-                    cores = workers or available_cores()
-                    chosen = DaskPool(dask, limit, folder) if dask else Pool(cores, start_worker, limit)
-                    with chosen as pool:
+                    with Pool(workers or available_cores(), start_worker, sweep.settings.time_limit_s) as pool:
                         session.run(pool, stop, announce)
         except Interrupted as error:
             received = error.signal
@@ -183,7 +177,7 @@ class _Session:
         settings = self._settings
         for key, point in self._points.items():
             if key not in self._folder.rows:
-                scratch = self._folder.scratch(key).resolve()  # also for workers that run in another folder
+                scratch = self._folder.scratch(key).resolve()
                 yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
     def _save(self, task: Task, result: Row | Exception) -> None:

@@ -1,6 +1,7 @@
 """Sweeps of a robot that stands for a tenth of a second, computed in worker processes."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -63,6 +64,20 @@ def test_points_are_what_lgmpc_run_computes_and_resuming_repeats_none(tmp_path: 
     again = run_sweep(sweep, tmp_path / "out", workers=1, resume=True)
     assert again.rows == finished.rows
     assert (tmp_path / "out" / "results.jsonl").read_bytes() == before
+
+
+@pytest.mark.usefixtures("one_worker")
+def test_parts_of_several_machines_are_one_sweep(tmp_path: Path, parse: Parse) -> None:
+    sweep = parse("factors: [{key: seed, kind: values, values: [0, 1]}]")
+    parts = [run_sweep(sweep.part(k, 2), tmp_path / str(k), workers=1) for k in (1, 2)]
+    assert [len(each.rows) for each in parts] == [1, 1]
+    whole = shutil.copytree(tmp_path / "1", tmp_path / "whole")
+    (whole / ROWS).write_bytes(b"".join((tmp_path / k / ROWS).read_bytes() for k in "12"))
+    seen: list[SweepProgress] = []
+    finished = run_sweep(sweep, whole, resume=True, progress=seen.append)
+    assert (seen, finished.summary.count) == ([], "2 of 2 points passed")
+    with pytest.raises(InputError, match="part: got 3/2; expected K/N, K from 1 to N"):
+        sweep.part(3, 2)
 
 
 @pytest.mark.usefixtures("one_worker")

@@ -72,8 +72,9 @@ ARROWS: dict[str, str] = {
     "config.showing": "robot world problems solvers runs viz",
     "config.session": "runs solvers",
     "sweeps": "config runs viz",
+    "live": "lie robot world locomotion mpc control simulation config runs viz",
     "doctor": f"{_PARTS} simulation",
-    "cli": "config problems robot runs viz doctor demos sweeps hardware",
+    "cli": "config problems robot runs viz doctor demos sweeps hardware live",
     "__main__": "cli",
     # The foundation itself, and the package's own module.
     "errors": "",
@@ -103,10 +104,11 @@ OWNERS: dict[str, str] = {
     "IPython": "notebook viz",
     "rich": "cli",
     "optuna": "sweeps.study sweeps.tuning",
+    "viser": "live",
 }
 
 # Packages that must not be loaded by importing the package or a subpackage that computes: slow, or with a display.
-HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer")
+HEAVY = ("mujoco", "crocoddyl", "meshcat", "matplotlib", "playwright", "rich", "typer", "viser")
 COMPUTING = (
     "compile lie state robot costs actions ocp problems solvers mpc wbc estimation simulation mechanics demos control"
     " runs doctor"

@@ -79,6 +79,7 @@ def run(
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
+    view: Annotated[bool, typer.Option("--view", help="Show it on a page in the browser while it runs.")] = False,
 ) -> int:
     """Simulate a config, save the run and judge it.
 
@@ -87,7 +88,35 @@ def run(
     from lgmpc.cli.running import run_shown
 
     changes = [*overrides, *more, *([f"plant.kind={plant}"] if plant else [])]
-    return run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet)
+    return run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet, view=view)
+
+
+@_command
+def live(
+    config: ConfigFile,
+    more: MoreOverrides = [],  # noqa: B006 (typer copies it)
+    overrides: Overrides = [],  # noqa: B006
+    out: OutFolder = Path("runs"),
+    duration: Annotated[
+        float, typer.Option(min=1.0, help="Longest simulated time of a run, s; all of it is kept in memory.")
+    ] = 300.0,
+    host: Annotated[
+        str, typer.Option(help="Address of this machine to serve the page at. Others than 127.0.0.1 require --token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any free one.")] = 8080,
+    token: Annotated[str, typer.Option(help="Secret that the page's address has to contain.", show_default=False)] = "",
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser on this machine.")] = True,
+) -> None:
+    """Simulate a config in real time, shown on a page that also drives it: commands, pushes, settings, world.
+
+    Commands, pushes and changes of the config are replaced by those of the page. Ctrl-C saves the run.
+    """
+    from lgmpc.config import load_config
+
+    loaded = load_config(config, [*overrides, *more])
+    from lgmpc.cli.running import live_shown
+
+    live_shown(loaded, out, duration, host, port, token, browser=browser)
 
 
 @_command

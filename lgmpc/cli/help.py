@@ -45,6 +45,13 @@ lgmpc run runs/<time>-<name>/config.yaml      repeat a run
 lgmpc run --from latest                       repeat it, compared with its log bit for bit
 lgmpc run --from latest@2.31 wbc.weights.posture=2   the same up to 2.31 s, another weight from there on
 lgmpc run --from runs/<time>-<name>@0.9 --set plant.friction=0.3 duration_s=20
+lgmpc run solo12_velocity --view              in real time, on a page in the browser
+
+live
+lgmpc live solo12_velocity
+lgmpc live go2_velocity world=stairs_5cm
+lgmpc live solo12_balance --port 0 --no-browser
+lgmpc live solo12_velocity --host 0.0.0.0 --token $(openssl rand -hex 16)
 
 solve
 lgmpc solve solo12_trot

@@ -28,10 +28,12 @@ from lgmpc.runs.tables import limits_table
 if TYPE_CHECKING:
     from lgmpc.hardware import Deployment
 
-__all__ = ["deploy_shown", "run_shown", "serve_shown", "solve_shown"]
+__all__ = ["deploy_shown", "live_shown", "run_shown", "serve_shown", "solve_shown"]
 
 
-def run_shown(first: str, origin: str, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool) -> int:
+def run_shown(
+    first: str, origin: str, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool, view: bool = False
+) -> int:
     """Run a config, or from a tick of a recorded run, with a progress display; return the exit code.
 
     Args:
@@ -41,8 +43,12 @@ def run_shown(first: str, origin: str, changes: Sequence[str], folder: Path, *, 
         folder: of run folders.
         as_json: print ``run.json``.
         quiet: print the verdict only.
+        view: show it on a page while it runs.
     """
-    begin = _continuation(first, origin, changes, folder) if origin else _beginning(first, changes, folder)
+    if origin:
+        begin = _continuation(first, origin, changes, folder)
+    else:
+        begin = _viewed(first, changes, folder) if view else _beginning(first, changes, folder)
     console = err()
     with _run_display(console, quiet=quiet) as display, warnings_on(console):
         finished = begin(notify=display.announce, progress=display.advance)
@@ -57,6 +63,30 @@ def _beginning(config: str, changes: Sequence[str], folder: Path) -> Callable[..
     if not config:
         raise InputError("CONFIG", "nothing", "a config to simulate, or --from RUN@TIME")
     return partial(run_config, load_config(config, changes), folder)
+
+
+def _viewed(config: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
+    from lgmpc.live import viewed_config
+
+    return partial(viewed_config, load_config(config, changes), folder)
+
+
+def live_shown(
+    config: Config, folder: Path, duration_s: float, host: str, port: int, token: str, *, browser: bool
+) -> None:
+    """Simulate ``config`` in real time on a page, and print where the run was saved."""
+    from lgmpc.live import Viewing, live_config
+
+    console = err()
+    with warnings_on(console):
+        saved = live_config(
+            config, folder, viewing=Viewing(host, port, token, browser), duration_s=duration_s,
+            notify=lambda message: console.print(message, markup=False),
+        )  # fmt: skip
+    if saved is None:
+        console.print("nothing was recorded")
+    else:
+        show_next(out(), saved)
 
 
 def _continuation(first: str, origin: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:

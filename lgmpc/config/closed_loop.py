@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -103,6 +104,7 @@ class ClosedLoopSession:
         estimator: estimator of the state from the measurements; None if the controller receives the true state.
         earlier: sessions with the settings before each change, and the tick at which each of them ends; they share the
             recorder.
+        watch: called after each recorded tick; returns whether the run continues.
     """
 
     robot: Robot
@@ -121,6 +123,7 @@ class ClosedLoopSession:
     hardware: Hardware | None = None
     estimator: LeggedEstimator | None = None
     earlier: tuple[tuple[ClosedLoopSession, int], ...] = ()
+    watch: Callable[[Tick], bool] | None = None
     _loop: Loop = field(init=False, repr=False)
     _elapsed: float = field(init=False, default=0.0)
     _fell_s: float = field(init=False, default=math.inf)
@@ -152,12 +155,16 @@ class ClosedLoopSession:
             interrupted = True
         except (Exception, SystemExit) as error:
             failure = failed(error, active._loop.index * self.rates.period)
+        return active.result(interrupted=interrupted, failure=failure)
+
+    def result(self, *, interrupted: bool, failure: str = "") -> SessionResult:
+        """Judge what was recorded until now; arguments as of :func:`judged`."""
         log = self.recorder.log()
         metrics, verdict = judged(
-            log, self.gate, self.robot, elapsed_s=active._elapsed, interrupted=interrupted, failure=failure
+            log, self.gate, self.robot, elapsed_s=self._elapsed, interrupted=interrupted, failure=failure
         )
         # Without the first tick after a change, whose logged forces acted in a step of the session before.
-        certificate = active._certificate(log.since(active._begun + 1) if active._begun else log)
+        certificate = self._certificate(log.since(self._begun + 1) if self._begun else log)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
 
     def advance(self, progress: ProgressReport, until: int | None = None) -> bool:
@@ -180,9 +187,12 @@ class ClosedLoopSession:
             after_fall_s=self.after_fall_s,
             fell_s=self._fell_s,
         )
-        started = perf_counter()
+        watch, started = self.watch, perf_counter()
+        on_tick: Callable[[Tick], bool] = observer
+        if watch is not None:
+            on_tick = lambda tick: observer(tick) and watch(tick)  # noqa: E731
         try:
-            return self._loop.run(observer, until)
+            return self._loop.run(on_tick, until)
         finally:
             self._elapsed += perf_counter() - started
             self._fell_s = observer.fell_s

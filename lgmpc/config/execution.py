@@ -45,6 +45,7 @@ __all__ = [
     "FinishedSolve",
     "run_config",
     "run_session",
+    "save_run",
     "solve_config",
 ]
 
@@ -189,6 +190,17 @@ def run_session(
             result = session.run(report)
             saved = _save_run(folder, config, result, verify(result))
     return FinishedRun(folder, saved, config, result, signal=stop.received if result.interrupted else None)
+
+
+def save_run(config: Config, result: SessionResult, out: str | Path) -> Path:
+    """Save the result of a session of ``config`` as ``out/<time>-<name>/``, and return that folder.
+
+    Raises:
+        RunFolderError: the folder cannot be written.
+    """
+    with _new_folder(config, out, StopSignals()) as folder:
+        _save_run(folder, config, result)
+    return folder.path
 
 
 def _save_run(folder: RunFolder, config: Config, result: SessionResult, origin: Origin | None = None) -> RunResult:

@@ -51,6 +51,8 @@ class Feet:
         period: time between two updates, s.
 
     Attributes:
+        settings: as given.
+        gaits: as given.
         legs: geometry of the legs.
         clock: the schedule.
         events: measured contacts compared with the schedule.
@@ -82,7 +84,7 @@ class Feet:
         self.legs = LegGeometry.of(robot)
         self.points = robot.foot_points
         self.ground = TerrainBelief(robot.nc, self.legs.height, settings.terrain)
-        self._settings, self._gaits, self._contact_age = settings, gaits, contact_age
+        self.settings, self.gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
         scale = self.legs.height if self.points.single else _SOLE_SCALE * self.legs.height
@@ -99,13 +101,20 @@ class Feet:
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
+    def retune(self, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
+        """Change swings, footholds and gaits from now on; other settings, and swings under way, stay as they are."""
+        self.settings, self.gaits = settings, gaits
+        self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
+        for swing in self._swings:
+            swing.retune(settings.swing)
+
     def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
         """Begin to stand at contact points (nc, 3); feet without a point in contact (nc,) are put down first."""
         self.ground.begin(points, contacts)
         self.yaws[:], self.targets[:], points = self.points.yaws(points), points, self.points.mean(points)
         contacts = None if contacts is None else self.points.touching(contacts)
-        self.clock = GaitClock(find_gait(self._gaits, "stand"), time, self._settings.clock, contacts)
-        self.events = ContactEvents(self.clock, self._settings.contacts, self._contact_age, self.legs.height)
+        self.clock = GaitClock(find_gait(self.gaits, "stand"), time, self.settings.clock, contacts)
+        self.events = ContactEvents(self.clock, self.settings.contacts, self._contact_age, self.legs.height)
         self.stance = self.events.stance
         self._stood: list[bool] = self.stance.tolist()
         for foot in np.flatnonzero(~self.stance).tolist():
@@ -122,6 +131,11 @@ class Feet:
         self._write_normals()
 
     @property
+    def clearance(self) -> float:
+        """Height of the swings' apex above the ground, m, the least of every swing."""
+        return self._swings[0].clearance
+
+    @property
     def point_footholds(self) -> Array:
         """(nc, 3) where each contact point stands or will touch down next, world, m."""
         if False not in self._stood:
@@ -134,7 +148,7 @@ class Feet:
         Raises:
             InputError: there is none of this name.
         """
-        return find_gait(self._gaits, command.gait)
+        return find_gait(self.gaits, command.gait)
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand. To stand, come to rest in the present gait."""
@@ -147,8 +161,8 @@ class Feet:
 
     def step_schedules(self) -> tuple[StepSchedule, ...]:
         """Return the schedules to choose from where a push makes the robot step."""
-        settings = self._settings.reaction
-        return step_schedules(find_gait(self._gaits, settings.gait), settings.cycle_shares)
+        settings = self.settings.reaction
+        return step_schedules(find_gait(self.gaits, settings.gait), settings.cycle_shares)
 
     def start(self, time: float, schedule: StepSchedule) -> None:
         """Start to step, until a command is followed; no step takes longer than in the forecast that chose it."""
@@ -172,7 +186,7 @@ class Feet:
 
     def step_in_place(self, time: float) -> bool:
         """Start to step, each foot to its place; return False where there is no gait to step with."""
-        gait = self._gaits.get(self._settings.reaction.gait)
+        gait = self.gaits.get(self.settings.reaction.gait)
         if gait is None or gait.stands:
             return False
         self.clock.start(time, gait, cycles=_RETURN_CYCLES)

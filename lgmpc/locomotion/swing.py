@@ -94,11 +94,10 @@ class SwingTrajectory:
     """
 
     def __init__(self, settings: SwingSettings | None = None, height: float = 0.21) -> None:
-        self.settings = s = SwingSettings() if settings is None else settings
-        self.clearance = round(_CLEARANCE_SHARE * height, 3) if s.clearance_m is None else s.clearance_m
+        self._scale = height
+        self.retune(SwingSettings() if settings is None else settings)
         self.roughness = 0.0
         self._obstructed = _OBSTRUCTED_SHARE * height
-        self._depth = _DEPTH_SHARE * height if s.search_depth_m is None else s.search_depth_m
         self.liftoff = 0.0
         self.touchdown = 0.0
         self.target = (0.0, 0.0, 0.0)
@@ -110,6 +109,12 @@ class SwingTrajectory:
         self._x = self._y = self._rise = self._fall = _at_rest(0.0)
         self._fall_begin = 0.0
         self.touchdown_speed = self.settings.touchdown_speed_m_s
+
+    def retune(self, settings: SwingSettings) -> None:
+        """Change the settings, for the next swing."""
+        self.settings = s = settings
+        self.clearance = round(_CLEARANCE_SHARE * self._scale, 3) if s.clearance_m is None else s.clearance_m
+        self._depth = _DEPTH_SHARE * self._scale if s.search_depth_m is None else s.search_depth_m
 
     def lift_off(
         self,

@@ -103,12 +103,9 @@ class CentroidalMpc(SqpMpc):
         problem.set("normal_force_min", lowest)
         problem.set("normal_force_max", highest)
         self._highest = highest
-        problem.set("x_weight", s.weights.state(mass))
-        problem.view("x_weight")[-1] *= s.weights.terminal
-        problem.set("u_weight", s.weights.forces(contacts, mass))
         super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64), progress)
-        self.settings: CentroidalMpcSettings = s
         self._contacts = contacts
+        self.retune(s)
         view = problem.view
         self._points = view("contact_points").reshape(s.nodes + 1, contacts, 3)
         self._normals = view("contact_normals").reshape(s.nodes + 1, contacts, 3)
@@ -116,11 +113,6 @@ class CentroidalMpc(SqpMpc):
         self._wrench = view("external_wrench")
         self._x_reference = view("x_reference")
         self._com_weight = view("x_weight")[:, :3]
-        self._standing_weight = self._com_weight.copy()
-        self._stepping_weight = np.tile(s.stepping_weights.com, (s.nodes + 1, 1))
-        self._catching_weight = np.tile(s.catching_weights.com, (s.nodes + 1, 1))
-        for weight in (self._stepping_weight, self._catching_weight):
-            weight[-1] *= s.weights.terminal
         self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s, progress)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
 
@@ -131,6 +123,19 @@ class CentroidalMpc(SqpMpc):
         """Return the controller of a robot; arguments and errors as of the class."""
         feet = tuple(len(foot.points) for foot in robot.feet)
         return cls(robot.mass, robot.nc, settings, feet=feet, gravity=robot.gravity, progress=progress)
+
+    def retune(self, settings: CentroidalMpcSettings) -> None:
+        """Change the weights of the cost, for the next update; other settings act at construction."""
+        self.settings: CentroidalMpcSettings = settings
+        s, problem = settings, self.problem
+        problem.set("x_weight", s.weights.state(self.mass))
+        problem.view("x_weight")[-1] *= s.weights.terminal
+        problem.set("u_weight", s.weights.forces(self._contacts, self.mass))
+        self._standing_weight = problem.view("x_weight")[:, :3].copy()
+        self._stepping_weight = np.tile(s.stepping_weights.com, (s.nodes + 1, 1))
+        self._catching_weight = np.tile(s.catching_weights.com, (s.nodes + 1, 1))
+        for weight in (self._stepping_weight, self._catching_weight):
+            weight[-1] *= s.weights.terminal
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`."""

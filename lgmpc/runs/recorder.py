@@ -148,6 +148,16 @@ class Recorder:
         """
         self._updates.append(dict(zip(MPC_CHANNELS, (time, horizon_com, forces, status, ms), strict=True)))
 
+    @property
+    def rows(self) -> tuple[Array, Array]:
+        """The last control tick and the last MPC update as vectors of all their channels; live views."""
+        return self._ticks.row, self._updates.row
+
+    def load(self, ticks: Array, updates: Array) -> None:
+        """Replace all records by rows (n, ...) of another recorder with the same channels: see :attr:`rows`."""
+        self._ticks.load(ticks)
+        self._updates.load(updates)
+
     def set_limits(self, *, friction: float, effort_limit: ArrayLike, mass: float, world: World | None = None) -> None:
         """Change floor, torque limits and mass from the next tick on; units as in the constructor."""
         self._limits.append((self.ticks, friction, np.array(effort_limit, dtype=np.float64)))
@@ -183,6 +193,7 @@ class _Rows:
     Attributes:
         count: rows that are complete.
         shapes: of one value of each channel.
+        row: the last one, in memory of its own.
     """
 
     def __init__(self, channels: Mapping[str, Channel], sizes: Mapping[str, int], capacity: int) -> None:
@@ -195,8 +206,8 @@ class _Rows:
             name: slice(end - math.prod(self.shapes[name]), end) for name, end in zip(self._names, ends, strict=True)
         }
         width = self._places[self._names[-1]].stop
-        self._row = np.zeros(width)
-        self._values = [self._row[self._places[name]].reshape(shape) for name, shape in self.shapes.items()]
+        self.row = np.zeros(width)
+        self._values = [self.row[self._places[name]].reshape(shape) for name, shape in self.shapes.items()]
         self._table = np.zeros((max(capacity, 1), width))
 
     @property
@@ -222,9 +233,13 @@ class _Rows:
             self._table = np.concatenate([self._table, np.zeros_like(self._table)])
         for place, value in zip(self._values, values.values(), strict=True):
             place[...] = value
-        self._table[i] = self._row  # one copy into memory that is in no cache yet
+        self._table[i] = self.row  # one copy into memory that is in no cache yet
         # Counted last: an interrupted row is not part of the log.
         self.count = i + 1
+
+    def load(self, rows: Array) -> None:
+        """Replace all rows."""
+        self._table, self.count = rows, len(rows)
 
     def columns(self) -> dict[str, Any]:
         """Return each channel, with its own axes and type: a view of the table, whose rows are not written again."""

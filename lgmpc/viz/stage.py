@@ -14,7 +14,7 @@ from lgmpc.viz.mesh import disc, shade
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Box, HeightField, Plane, World
 
-__all__ = ["FLOOR_COLOR", "add_stage", "frame_camera"]
+__all__ = ["BOX_COLOR", "FLOOR_COLOR", "add_solids", "add_stage", "frame_camera"]
 
 FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the fog."""
@@ -73,7 +73,7 @@ def add_stage(
         scene.add_segments(f"/floor/{name}", _grid(spacing, reach), color)
         scene.place(f"/floor/{name}", [*(spacing * np.round(np.array([along, left]) / spacing)), 0.0])
 
-    _add_solids(scene, ground, cell)
+    add_solids(scene, ground, cell)
 
     # The replay moves the lights with the camera.
     start = travel[0]
@@ -91,7 +91,7 @@ def add_stage(
     return 2.0 * size, 6.5 * size
 
 
-def _add_solids(scene: Scene, ground: World, cell: float) -> None:
+def add_solids(scene: Scene, ground: World, cell: float) -> None:
     """Add boxes with their edges, one object for each colour (slippery ones are bluish), and height fields."""
     boxes = [each for each in ground.surfaces if isinstance(each, Box)]
     usual = max((each.coefficient for each in ground.surfaces), default=0.0)

@@ -73,10 +73,7 @@ class WholeBodyController:
         )
         self.qp = WholeBodyQp(robot, scaled, list(self.tasks.values()), self.solver, self.terms)
         self._stepping: bool | None = None
-        standing = dict(scaled.short_support_weights) if robot.short_support else {}
-        moving = {**{k: standing[k] for k in standing if k == "upper_body_joints"}, **dict(scaled.stepping_weights)}
-        own = {name: task.weight.copy() for name, task in self.tasks.items() if name in standing or name in moving}
-        self._weights = {False: own | _weights(standing, own), True: own | _weights(moving, own)}
+        self._weights = self._weights_of(scaled)
         self.contacts = self.qp.contacts
         self.external_wrench = self.qp.external_wrench
         self.joint_friction = self.qp.joint_friction
@@ -89,6 +86,26 @@ class WholeBodyController:
         self.failures = 0
         self.use_stepping_weights(False)
         self.stand()
+
+    def _weights_of(self, scaled: WholeBodySettings) -> dict[bool, dict[str, Array]]:
+        """Return the weights of tasks that differ between standing and stepping, which is the key."""
+        standing = dict(scaled.short_support_weights) if self.robot.short_support else {}
+        moving = {**{k: standing[k] for k in standing if k == "upper_body_joints"}, **dict(scaled.stepping_weights)}
+        own = {name: task.weight.copy() for name, task in self.tasks.items() if name in standing or name in moving}
+        return {False: own | _weights(standing, own), True: own | _weights(moving, own)}
+
+    def retune(self, settings: WholeBodySettings) -> None:
+        """Change weights and gains of the standard tasks, between two ticks; other settings act at construction.
+
+        A task without any weight is not part of the QP, and does not become one.
+        """
+        self.settings, stepping = settings, bool(self._stepping)
+        for task in standard_tasks(self.robot, settings):
+            if task.name in self.tasks:
+                mine = self.tasks[task.name]
+                mine.kp[:], mine.kd[:], mine.weight[:] = task.kp, task.kd, task.weight
+        self._weights, self._stepping = self._weights_of(settings.scaled(self.robot)), None
+        self.use_stepping_weights(stepping)
 
     def reset(self) -> None:
         """Discard warm start, last command and failure count; targets and contacts stay."""

@@ -1,0 +1,393 @@
+"""The page: scene, controls, settings and plots on a viser server."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from multiprocessing.connection import Connection
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from lgmpc.config.schema import Config
+from lgmpc.lie import quaternion
+from lgmpc.live.canvas import ROOT, LiveScene, wxyz
+from lgmpc.live.controls import SettingControls, add_worlds
+from lgmpc.live.wishes import Drive, Ended, Note, Pace, Pull, Restart, Save, Started, Tuned
+from lgmpc.locomotion.command import CommandEntry
+from lgmpc.robot import Robot
+from lgmpc.runs.log import MODES, RunLog
+from lgmpc.runs.walking import heading
+from lgmpc.typing import Array
+from lgmpc.viz.body import load_body
+from lgmpc.viz.marks import COLORS, Scale, turns_to
+from lgmpc.viz.mesh import disc
+from lgmpc.viz.overlay import Frames, add_overlay
+from lgmpc.viz.scene import Material
+from lgmpc.viz.stage import FLOOR_COLOR, add_solids, frame_camera
+from lgmpc.world import Plane
+
+if TYPE_CHECKING:
+    from lgmpc.live.viewer import History
+
+__all__ = ["Page"]
+
+_SWING = 30
+"""Pictures over which the path of a swing is drawn."""
+_PLOTTED = 600
+_FURTHER = 1.7
+_STEP_M_S, _STEP_RAD_S = 0.1, 0.2
+_KEYS = {
+    "w": ("vx", _STEP_M_S), "s": ("vx", -_STEP_M_S), "a": ("vy", _STEP_M_S), "d": ("vy", -_STEP_M_S),
+    "q": ("turn", _STEP_RAD_S), "e": ("turn", -_STEP_RAD_S),
+}  # fmt: skip
+_LAYERS = {
+    "forces": "contact forces", "planned": "planned forces", "cones": "friction cones", "com": "centre of mass",
+    "horizon": "predicted path", "footholds": "next footholds", "swings": "swing paths", "command": "command",
+    "push": "push", "belief": "believed ground",
+}  # fmt: skip
+"""Folders of the overlay and their labels."""
+
+
+class Page:
+    """The page of a run.
+
+    Args:
+        config: the closed loop.
+        robot: its robot.
+        pipe: to the loop.
+        host: address to listen at.
+        port: to listen at.
+
+    Attributes:
+        robot: as given.
+        port: that is listened at.
+    """
+
+    def __init__(self, config: Config, robot: Robot, pipe: Connection, host: str, port: int) -> None:
+        self.robot, self._config, self._pipe = robot, config, pipe
+        self._server = server = viser.ViserServer(host, port, label=f"{config.name} · lgmpc live", verbose=False)
+        server.request_share_url = _refused  # viser's tunnel would publish the page
+        self.port = server.get_port()
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        self._scene = LiveScene(server)
+        self._body = load_body(robot)
+        lowest, highest = self._body.bounds(robot.q_reference)
+        self._height = float(highest[2] - lowest[2])
+        weight = robot.mass * float(np.linalg.norm(robot.gravity))
+        self._scale = Scale.of(self._height, weight, len(robot.contact_frames))
+        self._half = self._body.trunk_half_sides()
+        self._data = robot.create_data()
+        self._shift, self._grip = np.zeros(3), np.zeros(3)
+        self._gaits: tuple[str, ...] = ()
+        self._ended = ""
+        self._told, self._plotted_at = 0.0, 0.0
+        self._pace = Pace()
+        self._layout(lowest, highest)
+
+    # Layout
+
+    def _layout(self, lowest: Array, highest: Array) -> None:
+        server, scene, gui = self._server, self._scene, self._server.gui
+        camera = frame_camera(lowest, highest, np.zeros((1, 3)), np.zeros((0, 3)))
+        target, eye = (np.array(camera[each])[[0, 2, 1]] * [1.0, -1.0, 1.0] for each in ("target", "position"))
+        server.initial_camera.look_at = target
+        server.initial_camera.position = target + _FURTHER * (eye - target)  # the panel covers a part of the picture
+        server.initial_camera.fov = math.radians(float(camera["fov"]))  # type: ignore[arg-type]
+        self._root = server.scene.add_frame(ROOT, show_axes=False)
+        self._body.add_to(scene)
+        for part in self._body.parts:
+            path = f"/robot/{self.robot.model.names[part.joint]}/{part.name}"
+            scene.node(path).on_drag(self._dragged(part.joint))
+        self._status = gui.add_markdown("**starting**")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Drive"):
+            self._drive_tab()
+        self._settings = tabs.add_tab("Settings")
+        with tabs.add_tab("View"):
+            self._view_tab()
+        with tabs.add_tab("Plots"):
+            self._plots = self._plots_tab()
+
+    def _drive_tab(self) -> None:
+        gui, limits = self._server.gui, self._config.locomotion.limits
+        speed, turn = min(limits.speed_m_s, 1.5), min(limits.yaw_rate_rad_s, 2.5)
+        self._sticks = {
+            "vx": gui.add_slider("ahead, m/s", -speed, speed, 0.05, 0.0, hint="keys W and S"),
+            "vy": gui.add_slider("left, m/s", -speed, speed, 0.05, 0.0, hint="keys A and D"),
+            "turn": gui.add_slider("turn left, rad/s", -turn, turn, 0.05, 0.0, hint="keys Q and E"),
+        }
+        pose = round(0.2 * self._height, 2)
+        self._pose = {
+            "height_m": gui.add_slider("height, m", -pose, pose, 0.005, 0.0),
+            "pitch_rad": gui.add_slider("pitch, rad", -0.4, 0.4, 0.02, 0.0),
+            "roll_rad": gui.add_slider("roll, rad", -0.4, 0.4, 0.02, 0.0),
+        }
+        for stick in self._sticks.values():
+            stick.on_update(lambda _: self._steer())
+        for slider in self._pose.values():
+            slider.on_update(lambda _: self._command(**{name: float(each.value) for name, each in self._pose.items()}))
+        self._stop = gui.add_button("Stand still", hint="key X")
+        self._stop.on_click(lambda _: self._halt())
+        self._gait = gui.add_dropdown("gait", ("trot",))
+        self._gait.on_update(lambda _: self._command(gait=self._gait.value))
+        mode = gui.add_button_group("mode", ("stand", "lie", "damp"), hint="damp: no torque, the emergency stop")
+        mode.on_click(lambda _: self._set_mode(mode.value))
+        self._maneuver = gui.add_dropdown("manoeuvre", ("none",), visible=False)
+        self._perform = gui.add_button("Perform", visible=False)
+        self._perform.on_click(lambda _: self._command(maneuver=self._maneuver.value))
+        with gui.add_folder("time"):
+            self._paused = gui.add_checkbox("pause", False, hint="key P")
+            self._paused.on_update(lambda _: self._set_pace())
+            step = gui.add_button("Step", hint="one tick in a pause; key N")
+            step.on_click(lambda _: self._step())
+            self._speed = gui.add_slider("speed", 0.05, 1.0, 0.05, 1.0, hint="simulated over elapsed time")
+            self._speed.on_update(lambda _: self._set_pace())
+            self._scrub = gui.add_slider("look back, s", -30.0, 0.0, 0.05, 0.0, hint="at most 30 s; 0: now")
+            save = gui.add_button("Save as a run")
+            save.on_click(lambda _: self._ask(Save()))
+        with gui.add_folder("again"):
+            add_worlds(gui, self._height, self._restart)
+        for key, (stick, change) in _KEYS.items():
+            self._on_key(key, f"{stick} {change:+g}", partial(self._nudge, stick, change))
+        self._on_key("x", "stand still", self._halt)
+        self._on_key("n", "one tick", self._step)
+        self._on_key("p", "pause", lambda: setattr(self._paused, "value", not self._paused.value))
+
+    def _view_tab(self) -> None:
+        gui = self._server.gui
+        self._follow = gui.add_checkbox("follow the robot", True)
+        through = gui.add_checkbox("see through the robot", False)
+        through.on_update(lambda _: self._set_opacity(0.35 if through.value else 1.0))
+        for name, label in _LAYERS.items():
+            box = gui.add_checkbox(label, name not in ("planned", "belief"))
+            box.on_update(self._layer_switch(name, box))
+        self._scene.hidden |= {"planned", "belief"}
+        note = f"Arrows: {100.0 * self._scale.length:.2g} cm are {self._scale.newtons:g} N. "
+        gui.add_markdown(note + "Drag a part of the robot to pull at it.")
+
+    def _plots_tab(self) -> dict[str, Any]:
+        gui, none = self._server.gui, np.zeros(2)
+        names = {
+            "velocity, m/s": ("ahead", "left", "commanded"), "tilt, degrees": ("tilt",),
+            "largest torque, share of its limit": ("torque",),
+        }  # fmt: skip
+        colors = ("#0072B2", "#009E73", "#888888")
+        return {
+            title: gui.add_uplot(
+                (none,) * (1 + len(lines)),
+                (uplot.Series(label="s"), *map(_curve, lines, colors)),
+                scales={"x": uplot.Scale(time=False, auto=True)}, title=title, aspect=1.6,
+            )
+            for title, lines in names.items()
+        }  # fmt: skip
+
+    # What the user does
+
+    def _ask(self, wish: object) -> None:
+        try:
+            self._pipe.send(wish)
+        except OSError:
+            pass
+
+    def _command(self, **values: Any) -> None:
+        self._ask(Drive(CommandEntry(at_s=0.0, **values)))
+
+    def _steer(self) -> None:
+        vx, vy, turn = (float(self._sticks[name].value) for name in ("vx", "vy", "turn"))
+        self._command(velocity_m_s=(vx, vy, 0.0), yaw_rate_rad_s=turn, gait=self._gait.value, mode="stand")
+
+    def _nudge(self, stick: str, change: float) -> None:
+        slider = self._sticks[stick]
+        slider.value = max(slider.min, min(slider.max, round(slider.value + change, 3)))
+
+    def _halt(self) -> None:
+        for stick in self._sticks.values():
+            stick.value = 0.0
+        self._steer()
+
+    def _set_mode(self, mode: str) -> None:
+        if mode != "stand":
+            self._halt()
+        self._command(mode=mode)
+
+    def _set_pace(self) -> None:
+        self._pace = Pace(float(self._speed.value), bool(self._paused.value))
+        self._ask(self._pace)
+
+    def _step(self) -> None:
+        self._ask(Pace(self._pace.speed, self._pace.paused, 1))
+
+    def _restart(self, world: str) -> None:
+        for slider in (*self._sticks.values(), *self._pose.values()):
+            slider.value = 0.0
+        self._ask(Restart(world))
+
+    def _on_key(self, key: str, label: str, action: Callable[[], None]) -> None:
+        command = self._server.gui.add_command(label, hotkey=key.upper())
+        command.on_trigger(lambda _: action())
+
+    def _dragged(self, joint: int) -> Callable[[Any], None]:
+        """Return the reaction to a drag of a part of the robot: a pull from the grip to the pointer."""
+
+        def drag(event: Any) -> None:
+            if event.phase == "end":
+                self._ask(Pull(0))
+                return
+            node = self._scene.node(f"/robot/{self.robot.model.names[joint]}")
+            w, x, y, z = node.wxyz
+            if event.phase == "start":
+                arm = np.array(event.start_position) - self._shift - node.position
+                self._grip = quaternion.act(quaternion.inverse(np.array([x, y, z, w])), arm)
+            target = np.array(event.end_position) - self._shift
+            self._ask(Pull(joint, self._grip, target))
+
+        return drag
+
+    def _set_opacity(self, opacity: float) -> None:
+        for part in self._body.parts:
+            node = self._scene.node(f"/robot/{self.robot.model.names[part.joint]}/{part.name}")
+            node.opacity = opacity
+
+    def _layer_switch(self, name: str, box: Any) -> Callable[[Any], None]:
+        """Return the reaction to a checkbox that shows or hides a folder of the overlay."""
+
+        def switch(_: Any) -> None:
+            self._scene.hidden = self._scene.hidden - {name} if box.value else self._scene.hidden | {name}
+
+        return switch
+
+    # What the run says
+
+    def begin(self, started: Started, history: History) -> None:
+        """Show another run."""
+        scene, world = self._scene, history.world
+        scene.remove("/ground")
+        floor = next((each for each in world.surfaces if isinstance(each, Plane)), Plane())
+        turn = turns_to(np.array([floor.normal_vector]))[0]
+        cell = self._scale.length
+        self._server.scene.add_grid(
+            f"{ROOT}/ground/floor", infinite_grid=True, cell_size=cell, section_size=5.0 * cell,
+            fade_distance=40.0 * self._height, plane_color=_color(FLOOR_COLOR), plane_opacity=1.0,
+            cell_color=_color(0xCBD3DC), section_color=_color(0x9FABB8), shadow_opacity=0.2, wxyz=wxyz(turn),
+            position=(0.0, 0.0, float(floor.height(np.zeros((1, 2)))[0])),
+        )  # fmt: skip
+        add_solids(scene, world, cell)
+        if started.tunable:
+            self._gaits = started.gaits
+            self._gait.options = tuple(name for name in started.gaits if name != "stand") or started.gaits
+            self._maneuver.options = started.maneuvers or ("none",)
+            self._maneuver.visible = self._perform.visible = bool(started.maneuvers)
+            self._values = SettingControls(self._server.gui, self._settings, started.config, started.tunable, self._ask)
+        self._paused.value, self._speed.value, self._scrub.value = False, 1.0, 0.0
+        self._ended = ""
+
+    def tuned(self, message: Tuned) -> None:
+        """Show the value of a setting as the controller has it."""
+        self._values.confirm(message.key, message.value)
+
+    def tell(self, message: Note | Ended) -> None:
+        """Show a message."""
+        text = message.reason if isinstance(message, Ended) else message.text
+        if isinstance(message, Ended):
+            self._ended = f"\n\n**{'Failed' if message.error else 'Over'}: {text}**"
+            self._told = 0.0
+        title = "The run failed" if message.error and isinstance(message, Ended) else "lgmpc"
+        for client in self._server.get_clients().values():
+            client.add_notification(title, text, color="red" if message.error else "green", auto_close_seconds=12.0)
+
+    def draw(self, history: History) -> None:
+        """Draw the last picture, or the one that is looked back at."""
+        if not self._server.get_clients():
+            return
+        rows, back = history.rows, float(self._scrub.value)
+        last = len(rows) - 1
+        if back < 0.0:
+            last = max(last + round(60.0 * back), 0)
+        log, extras = history.log(last, _SWING), history.extras(last)
+        now = monotonic()
+        with self._server.atomic():
+            self._draw(log, extras, history)
+            if now - self._told > 0.25:
+                self._told = now
+                self._write_status(log, extras, back)
+        if now - self._plotted_at > 0.5:
+            self._plotted_at = now
+            self._plot(history.log(last, _PLOTTED))
+
+    def _draw(self, log: RunLog, extras: Array, history: History) -> None:
+        scene, frames = self._scene, Frames(np.zeros(1), np.array([log.ticks - 1]))
+        self._body.animate(scene, frames.times, log.q[-1:])
+        world = history.world
+        add_overlay(scene, log, frames, self._scale, world, self._height, self._half)
+        self._draw_belief(extras)
+        scene.finish()
+        if self._follow.value:
+            x, y, _ = log.base_pose[-1, :3]
+            target = -np.array([x, y, log.ground_height[-1]])
+            self._shift = (
+                self._shift + 0.1 * (target - self._shift) if np.linalg.norm(target - self._shift) < 1.0 else target
+            )
+            self._root.position = self._shift
+
+    def _draw_belief(self, extras: Array) -> None:
+        """Draw the ground that the controller believes in as a disc under the robot."""
+        gx, gy = extras[3:5]
+        normal = np.array([-gx, -gy, 1.0]) / math.sqrt(1.0 + gx * gx + gy * gy)
+        self._scene.add_mesh(
+            "/overlay/belief/plane", disc(1.5 * self._height), Material(COLORS["swings"], 0.35, flat=True)
+        )
+        turn = turns_to(normal[None])
+        self._scene.animate(
+            "/overlay/belief/plane", np.zeros(1), position=(extras[5:8] + 0.003 * normal)[None], quaternion=turn
+        )
+
+    def _write_status(self, log: RunLog, extras: Array, back: float) -> None:
+        ahead, left = _velocity(log)[-1]
+        mode = MODES[log.mode[-1]] if log.mode is not None else ""
+        gait = self._gaits[int(extras[2])] if extras[2] >= 0 else ""
+        pace = "paused" if extras[1] else f"{extras[0]:.2f} x real time"
+        pushed = float(np.linalg.norm(log.push[-1, :3]))
+        self._status.content = (
+            f"**{mode}** · {gait} · {log.time[-1]:.2f} s · {'looking back' if back < 0.0 else pace}\n\n"
+            f"ahead {ahead:+.2f} m/s, left {left:+.2f} m/s, tilt {log.tilt_deg[-1]:.1f}°"
+            + (f", push {pushed:.1f} N" if pushed > 0.0 else "") + self._ended
+        )  # fmt: skip
+
+    def _plot(self, log: RunLog) -> None:
+        time = log.time
+        velocity = _velocity(log)
+        wanted = log.command[:, 0] if log.command is not None else np.zeros(len(time))
+        effort = np.abs(log.tau / log.effort_limit).max(axis=1)
+        values: Sequence[tuple[Array, ...]] = (
+            (velocity[:, 0], velocity[:, 1], wanted), (log.tilt_deg,), (effort,)
+        )  # fmt: skip
+        for plot, lines in zip(self._plots.values(), values, strict=True):
+            plot.data = (time, *lines)
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._server.stop()
+
+
+def _curve(name: str, color: str) -> uplot.Series:
+    return uplot.Series(label=name, stroke=color)
+
+
+def _velocity(log: RunLog) -> Array:
+    """Return (n, 2) velocity of the centre of mass ahead and to the left, m/s."""
+    (x, y), yaw = log.momentum[:, :2].T / log.mass_kg, heading(log.base_pose[:, 3:])
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack((c * x + s * y, c * y - s * x))
+
+
+def _refused(*_: object, **__: object) -> None:
+    return None
+
+
+def _color(color: int) -> tuple[int, int, int]:
+    return color >> 16 & 255, color >> 8 & 255, color & 255

@@ -1,0 +1,370 @@
+"""A closed loop in real time that another process shows and drives: pace, commands, pulls, settings, the run's folder.
+
+The loop's process writes pictures into a ring of shared memory, at most sixty a second, and looks for wishes in a pipe
+every few milliseconds. It waits for nothing: without a viewer, or after its end, it goes on as it is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from time import perf_counter, sleep
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from lgmpc.config.build import prepare
+from lgmpc.config.closed_loop import ClosedLoopSession, failed
+from lgmpc.config.execution import save_run
+from lgmpc.config.schema import Change, Config
+from lgmpc.config.session import StopSignals
+from lgmpc.errors import InputError, LgmpcError
+from lgmpc.live.ring import RingWriter
+from lgmpc.live.tuning import Tuner
+from lgmpc.live.wishes import Drive, Ended, Note, Pace, Pull, Restart, Save, Started, Tune, Tuned
+from lgmpc.locomotion.command import CommandEntry, MotionCommand
+from lgmpc.simulation.disturbances import PushSchedule
+from lgmpc.simulation.loop import Tick
+from lgmpc.typing import GRAVITY, Array
+
+__all__ = ["EXTRAS", "PICTURE_S", "Link", "LiveRun", "PageCommands", "Publisher", "Pulls", "ShownRun"]
+
+PICTURE_S = 1.0 / 60.0
+"""Least time between two pictures, s."""
+_WISHES_S = 5e-3
+_AHEAD_S = 2e-3
+"""Simulated time may be ahead of the clock by so much, s: less would be a system call at every tick."""
+_BEHIND_S = 0.1
+"""A loop that is further behind does not catch up, s."""
+_STIFFNESS, _DAMPING_S, _STRONGEST = 5.0, 0.1, 2.0
+"""Of a pull: weights of the robot per metre, damping relative to that, largest force in weights."""
+_SAME_CHANGE_S = 0.5
+"""Values of one setting within this time, s, are one change in the saved config: each is a controller of its own."""
+
+EXTRAS = 8
+"""Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
+number of the gait, and the ground as the controller believes it to be: slope (2) and a point (3)."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """The loop's end of the channel to a viewer.
+
+    Attributes:
+        pipe: wishes come, and messages go.
+    """
+
+    pipe: Connection
+
+    def send(self, message: object) -> None:
+        """Send a message, unless there is no viewer any more."""
+        try:
+            self.pipe.send(message)
+        except OSError:
+            pass
+
+    def wishes(self) -> list[Any]:
+        """Return what came since the last call."""
+        found = []
+        try:
+            while self.pipe.poll():
+                found.append(self.pipe.recv())
+        except (OSError, EOFError):
+            pass
+        return found
+
+
+class PageCommands:
+    """A :class:`~lgmpc.locomotion.command.CommandSource` of what the page asks for.
+
+    Attributes:
+        entries: all changes so far, as a config's ``commands``.
+    """
+
+    def __init__(self, gait: str) -> None:
+        self._command = MotionCommand(gait=gait)
+        self.entries = [CommandEntry(at_s=0.0, gait=gait)]
+        self._asked: list[CommandEntry] = []
+
+    def ask(self, entry: CommandEntry) -> None:
+        """Let a change act from the next tick on."""
+        self._asked.append(entry)
+
+    def at(self, t: float) -> MotionCommand:
+        """Return the command of the tick at ``t``, s."""
+        for asked in self._asked:
+            self.entries.append(asked.replace({"at_s": max(t, 0.0)}))
+            self._command = self.entries[-1].change(self._command)
+        self._asked.clear()
+        return self._command
+
+
+class Pulls(PushSchedule):
+    """The pushes of a session, and a spring between a point of a body and one of the world."""
+
+    def __init__(self, session: ClosedLoopSession) -> None:
+        plant, self._robot = session.plant, session.robot
+        super().__init__(session.pushes.pushes, plant.dt, plant.bodies)
+        self._plant, self._data = plant, self._robot.create_data()
+        self._weight = GRAVITY * self._robot.mass
+        frames = self._robot.model.frames
+        joints = ((frames[self._robot.body_frame(body)].parentJoint, body) for body in reversed(plant.bodies))
+        self._body_of: dict[int, str] = dict(joints)
+        self._pull = Pull(0)
+        self._released: set[str] = set()
+
+    def pull(self, wish: Pull) -> None:
+        """Begin, move or end the pull."""
+        if self._pull.joint not in (0, wish.joint):
+            self._released.add(self._body_of[self._pull.joint])
+        self._pull = wish if wish.joint in self._body_of else Pull(0)
+
+    def is_active(self, time: float) -> bool:
+        """Return whether a body is pushed or pulled during the step that begins at ``time``."""
+        return self._pull.joint != 0 or bool(self._released) or super().is_active(time)
+
+    def wrenches(self, time: float) -> Mapping[str, Array]:
+        """Return the wrenches of the step that begins at ``time``; see the base class."""
+        pushes = super().wrenches(time)
+        if self._pull.joint == 0 and not self._released:
+            return pushes
+        found = dict(pushes)
+        for body in self._released:
+            found.setdefault(body, np.zeros(6))
+        self._released.clear()
+        if self._pull.joint:
+            body = self._body_of[self._pull.joint]
+            found = {body: found.pop(body, np.zeros(6)) + self._wrench(self._pull, body), **found}
+        return MappingProxyType(found)
+
+    def _wrench(self, pull: Pull, body: str) -> Array:
+        """Return (6,) the spring's [force; torque] at the body's centre of mass, world axes."""
+        sample, joint = self._plant.sense(), pull.joint
+        pin.forwardKinematics(self._robot.model, self._data, sample.q, sample.v)
+        pose, twist, arm = self._data.oMi[joint], self._data.v[joint], pull.grip
+        grip = pose.act(arm)
+        speed = pose.rotation @ (twist.linear + np.cross(twist.angular, arm))
+        force = _STIFFNESS * self._weight * (pull.target - grip - _DAMPING_S * speed)
+        force *= min(1.0, _STRONGEST * self._weight / max(float(np.linalg.norm(force)), 1e-12))
+        return np.concatenate([force, np.cross(grip - self._plant.body_point(body), force)])
+
+
+class Publisher:
+    """Writes pictures of a session into a ring.
+
+    Args:
+        session: the run.
+
+    Attributes:
+        ring: where they are.
+    """
+
+    def __init__(self, session: ClosedLoopSession) -> None:
+        self._controller = session.controller
+        ticks, updates = session.recorder.rows
+        self._parts = (ticks, updates, np.zeros(EXTRAS))
+        self.ring = RingWriter(ticks.size + updates.size + EXTRAS)
+        self._gaits = {name: i for i, name in enumerate(self._controller.feet.gaits)}
+
+    def write(self, speed: float = 1.0, paused: bool = False) -> None:
+        """Write the picture of the last recorded tick."""
+        report, ground = self._controller.report, self._controller.feet.ground
+        x, y, _ = report.com.tolist()
+        self._parts[2][:] = (
+            speed, paused, self._gaits.get(report.gait.name, -1), *ground.slope, x, y, ground.height_at(x, y)
+        )  # fmt: skip
+        self.ring.write(*self._parts)
+
+
+class ShownRun:
+    """A run in real time that a viewer shows; the page changes its pace.
+
+    Args:
+        config: the closed loop.
+        session: ready to run.
+        link: to the viewer.
+        started: further items of the :class:`~lgmpc.live.wishes.Started` that the viewer receives.
+    """
+
+    def __init__(self, config: Config, session: ClosedLoopSession, link: Link, **started: Any) -> None:
+        self._session, self._link = session, link
+        self._publisher = Publisher(session)
+        for part in (session, *(earlier for earlier, _ in session.earlier)):
+            part.watch = self._watch
+        self._pace, self._steps, self._time = Pace(), 0, 0.0
+        self._shown_at = self._asked_at = -math.inf
+        self._begin_to_pace()
+        self._speed = 1.0
+        self.check: Callable[[None], None] = _nothing
+        gaits = tuple(session.controller.feet.gaits)
+        link.send(Started(self._publisher.ring.name, config, gaits, tuple(config.maneuvers), **started))
+
+    def close(self) -> None:
+        """Give back the memory of the pictures."""
+        self._publisher.ring.close()
+
+    def _watch(self, tick: Tick) -> bool:
+        """Show a tick, keep pace with the clock, and fulfil wishes; return whether the run continues."""
+        now, self._time = perf_counter(), tick.sample.time
+        if now - self._asked_at > _WISHES_S:
+            self._asked_at = now
+            self._answer()
+        if now - self._shown_at > PICTURE_S:
+            self._shown_at = now
+            self._publisher.write(self._speed, self._pace.paused)
+        if self._pace.paused:
+            self._wait_for_step()
+        self._keep_pace()
+        return self._continues
+
+    @property
+    def _continues(self) -> bool:
+        return True
+
+    def _begin_to_pace(self) -> None:
+        self._origin = self._measured = (perf_counter(), self._time)
+
+    def _keep_pace(self) -> None:
+        (begun, origin), now = self._origin, perf_counter()
+        ahead = (self._time - origin) / self._pace.speed - (now - begun)
+        if ahead > _AHEAD_S:
+            sleep(ahead)
+        elif ahead < -_BEHIND_S:
+            self._origin = (now, self._time)
+        since, time = self._measured
+        if now - since > 0.5:
+            self._speed, self._measured = (self._time - time) / (now - since), (now, self._time)
+
+    def _wait_for_step(self) -> None:
+        self._publisher.write(0.0, True)
+        while self._pace.paused and self._steps == 0 and self._continues:
+            sleep(_WISHES_S)
+            self._answer()
+        self._steps = max(self._steps - 1, 0)
+        self._begin_to_pace()
+
+    def _answer(self) -> None:
+        """Fulfil the wishes that came."""
+        self.check(None)
+        for wish in self._link.wishes():
+            try:
+                self._fulfil(wish)
+            except LgmpcError as error:
+                self._link.send(Note(str(error), error=True))
+
+    def _fulfil(self, wish: Any) -> None:
+        if isinstance(wish, Pace):
+            self._pace, self._steps = wish, self._steps + wish.steps
+            self._begin_to_pace()
+        else:
+            self._link.send(Note("this run follows its config; `lgmpc live` is driven from here", error=True))
+
+
+class LiveRun(ShownRun):
+    """A run that the page drives.
+
+    Args:
+        config: the closed loop.
+        link: to the viewer.
+        stop: signals that end it.
+        out: folder of run folders.
+        notify: called with a description of what is being prepared.
+
+    Attributes:
+        after: the wish for the next run that ended this one, if any did.
+        saved: the last folder that was written.
+    """
+
+    def __init__(self, config: Config, link: Link, stop: StopSignals, out: Path, notify: Callable[[str], None]) -> None:
+        session = prepare(config, notify=stop.checked(notify))
+        assert isinstance(session, ClosedLoopSession)
+        self._pulls = Pulls(session)
+        session, controller = replace(session, pushes=self._pulls), session.controller
+        gaits = tuple(controller.feet.gaits)
+        controller.commands = self._commands = PageCommands("trot" if "trot" in gaits else gaits[-1])
+        self._tuner = Tuner(config, controller)
+        self._config, self._changes = self._tuner.config, list[Change]()
+        self._stop, self._out, self._failure = stop, out, ""
+        self.after: Restart | None = None
+        self.saved: Path | None = None
+        super().__init__(self._config, session, link, tunable=self._tuner.values)
+
+    @property
+    def _continues(self) -> bool:
+        return self.after is None
+
+    def run(self) -> None:
+        """Simulate until the duration's end, a failure, or a wish for another run; after the former wait for a wish.
+
+        Raises:
+            Interrupted: by a signal, after the run was saved.
+        """
+        with self._stop.deferred(_nothing) as self.check:
+            try:
+                self._begin_to_pace()
+                try:
+                    self._session.advance(_nothing)
+                except Exception as error:
+                    self._failure = failed(error, self._time)
+                self._publisher.write(0.0, True)
+                if self.after is None:
+                    ending = self._failure or f"the run ended after {self._time:.1f} s"
+                    self._link.send(Ended(ending, error=bool(self._failure)))
+                while self.after is None:
+                    self._answer()
+                    sleep(_WISHES_S)
+            except KeyboardInterrupt:
+                self._save()
+                raise
+
+    def _fulfil(self, wish: Any) -> None:
+        if isinstance(wish, Drive):
+            gait, gaits = wish.entry.gait, self._session.controller.feet.gaits
+            if gait is not None and gait not in gaits:
+                raise InputError("gait", gait, "the name of a gait", tuple(gaits), word=gait)
+            if not self._config.mpc.enabled:
+                raise InputError("mpc.enabled", False, "true: without a plan the robot only stands")
+            self._commands.ask(wish.entry)
+        elif isinstance(wish, Pull):
+            self._pulls.pull(wish)
+        elif isinstance(wish, Tune):
+            self._link.send(Tuned(wish.key, self._tuner.set(wish.key, wish.value)))
+            self._remember(wish)
+        elif isinstance(wish, Restart):
+            self.after = wish
+        elif isinstance(wish, Save):
+            self._save()
+            self._link.send(Note(f"saved in {self.saved}" if self.saved else "there is nothing to save yet"))
+            self._begin_to_pace()
+        else:
+            super()._fulfil(wish)
+
+    def _remember(self, wish: Tune) -> None:
+        """Keep a change of a setting for the saved config."""
+        at, values = max(self._time, self._session.rates.period), {wish.key: wish.value}
+        if self._changes and at - self._changes[-1].at_s < _SAME_CHANGE_S:
+            last = self._changes.pop()
+            at, values = last.at_s, {**last.set, **values}
+        self._changes.append(Change(at_s=at, set=values))
+
+    def _save(self) -> None:
+        """Save what was recorded until now as a run folder."""
+        session = self._session
+        if session.recorder.ticks == 0:
+            return
+        period = session.rates.period
+        end = (session.recorder.ticks + 1) * period
+        changes = tuple(each for each in self._changes if each.at_s < end - period)
+        commands = tuple(self._commands.entries) if self._config.mpc.enabled else ()
+        config = self._config.replace({"duration_s": end, "commands": commands, "changes": changes})
+        result = session.result(interrupted=not self._failure, failure=self._failure)
+        self.saved = save_run(config, result, self._out)
+
+
+def _nothing(_: object) -> None:
+    pass

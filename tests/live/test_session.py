@@ -1,0 +1,218 @@
+"""A live run whose wishes come from the other end of its pipe: the page's part is played by the test."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from lgmpc.config import Config, load_config
+from lgmpc.config.build import prepare
+from lgmpc.config.session import stop_signals
+from lgmpc.errors import InputError, Interrupted
+from lgmpc.live.ring import RingReader
+from lgmpc.live.session import EXTRAS, Link, LiveRun, Pulls
+from lgmpc.live.tuning import Tuner
+from lgmpc.live.wishes import Drive, Ended, Note, Pace, Pull, Restart, Save, Started, Tune, Tuned
+from lgmpc.locomotion.command import CommandEntry
+from lgmpc.runs import Run, load_run
+from lgmpc.runs.difference import first_difference
+
+
+class Player:
+    """The far end of a run's pipe, with wishes that are made at given times of the simulation."""
+
+    def __init__(self, config: Config, out: Path) -> None:
+        self.pipe, theirs = multiprocessing.Pipe()
+        self._context = stop_signals()
+        self.run = LiveRun(config, Link(theirs), self._context.__enter__(), out, lambda message: None)
+        self._script: list[tuple[float, Any]] = []
+        self.heard: list[Any] = []
+        # As fast as possible: nobody looks on.
+        self.run._keep_pace = lambda: None  # type: ignore[method-assign]
+        watch = self.run._watch
+
+        def scripted(tick: Any) -> bool:
+            while self._script and self._script[0][0] <= tick.sample.time:
+                wish = self._script.pop(0)[1]
+                self.run._asked_at = -1.0
+                wish() if callable(wish) else self.pipe.send(wish)
+            return watch(tick)
+
+        self.run._session.watch = scripted
+
+    def play(self, *script: tuple[float, Any]) -> None:
+        self._script = list(script)
+        self.run.run()
+
+    def messages(self, kind: type) -> list[Any]:
+        while self.pipe.poll():
+            self.heard.append(self.pipe.recv())
+        return [each for each in self.heard if isinstance(each, kind)]
+
+    def close(self) -> None:
+        self.run.close()
+        self._context.__exit__(None, None, None)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Player]]:
+    players: list[Player] = []
+
+    def start(config: Config) -> Player:
+        players.append(Player(config, tmp_path))
+        return players[-1]
+
+    yield start
+    for player in players:
+        player.close()
+
+
+def walk(velocity: float) -> Drive:
+    return Drive(CommandEntry(at_s=0.0, velocity_m_s=(velocity, 0.0, 0.0), gait="trot"))
+
+
+def interrupt() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def saved(player: Player) -> Run:
+    assert player.run.saved is not None
+    found = load_run(player.run.saved)
+    assert isinstance(found, Run)
+    return found
+
+
+def test_a_driven_run_is_saved_by_ctrl_c_with_its_commands_and_repeats_bit_for_bit(
+    start: Callable[..., Player], config: Config
+) -> None:
+    player = start(config)
+    with pytest.raises(Interrupted):
+        player.play((0.1, walk(0.4)), (0.9, walk(0.2)), (1.1, interrupt))
+    run = saved(player)
+    assert run.log.v[-1, 0] > 0.15
+    assert json.loads((run.path / "run.json").read_text())["verdict"] == "interrupted"
+    again = load_config(run.path / "config.yaml")
+    assert [entry.velocity_m_s for entry in again.commands[1:]] == [(0.4, 0.0, 0.0), (0.2, 0.0, 0.0)]
+    repeated = prepare(again).run(lambda progress: None).log
+    assert first_difference(run.log, repeated, until_s=float(run.log.time[-1])) is None
+
+
+def test_a_pull_moves_the_base_and_ends(start: Callable[..., Player], config: Config) -> None:
+    player = start(config)
+    target = np.array([0.0, 0.3, 0.3])
+    player.play((0.1, Pull(1, np.zeros(3), target)), (0.3, Pull(0)), (0.6, Save()), (0.61, Restart()))
+    log = saved(player).log
+    pulled = (log.time > 0.11) & (log.time < 0.3)
+    assert (log.push[pulled, 1] > 1.0).all() and not log.push[log.time > 0.302].any()
+    assert np.linalg.norm(log.push[:, :3], axis=1).max() <= 2.0 * log.weight_n * 1.001
+    assert log.momentum[pulled, 1].max() / log.mass_kg > 0.05
+
+
+def test_a_setting_changes_in_the_running_controller(start: Callable[..., Player], config: Config) -> None:
+    player = start(config)
+    task = player.run._session.controller.wbc.tasks["com"]
+    player.play(
+        (0.1, Tune("wbc.weights.com", (20.0, 20.0, 40.0))), (0.2, Tune("wbc.weights.nonsense", 1.0)),
+        (0.3, Tune("locomotion.swing.clearance_m", -1.0)), (0.4, Save()), (0.41, Restart()),
+    )  # fmt: skip
+    assert player.messages(Tuned) == [Tuned("wbc.weights.com", (20.0, 20.0, 40.0))]
+    assert task.weight.tolist() == [20.0, 20.0, 40.0]
+    unknown, negative, _ = player.messages(Note)
+    assert unknown.error and "wbc.weights.stance" in unknown.text
+    assert negative.error and "clearance_m" in negative.text
+    changes = load_config(saved(player).path / "config.yaml").changes
+    assert [change.set for change in changes] == [{"wbc.weights.com": [20.0, 20.0, 40.0]}]
+
+
+def test_an_exception_in_the_controller_ends_the_run_and_is_told(
+    start: Callable[..., Player], config: Config, caplog: pytest.LogCaptureFixture
+) -> None:
+    player = start(config)
+
+    def broken() -> None:
+        def solve() -> None:
+            player.pipe.send(Save())
+            player.pipe.send(Restart("floor"))
+            raise ZeroDivisionError("a fault of one's own task")
+
+        player.run._session.controller.wbc.solve = solve  # type: ignore[method-assign,assignment]
+
+    player.play((0.2, broken))
+    (ended,) = player.messages(Ended)
+    assert ended.error and "a fault of one's own task" in ended.reason
+    assert player.run.after == Restart("floor")
+    run = saved(player)
+    assert run.result.verdict.reasons[0].startswith("ended early, at 0.2")
+
+
+def test_time_stands_still_in_a_pause_and_advances_by_steps(start: Callable[..., Player], config: Config) -> None:
+    player = start(config)
+    (started,) = player.messages(Started)
+    width = sum(part.size for part in player.run._session.recorder.rows) + EXTRAS
+    reader = RingReader(started.ring, width)
+    player.pipe.send(Pace(1.0, paused=True, steps=2))
+    times = [-1.0]
+
+    def end_after_two_steps() -> None:
+        while times[-1] < 0.0015:
+            times.extend(float(row[0]) for row in reader.fresh())
+        player.pipe.send(Restart())
+
+    looking = threading.Thread(target=end_after_two_steps)
+    looking.start()
+    player.play()
+    looking.join()
+    assert player.run._session.recorder.ticks == 3
+    assert sorted(set(times[1:])) == pytest.approx([0.0, 0.001, 0.002])
+    reader.close()
+
+
+def test_every_tunable_key_can_be_set_and_read_back(start: Callable[..., Player], config: Config) -> None:
+    controller = start(config).run._session.controller
+    tuner = Tuner(config, controller)
+    for key, value in tuner.values.items():
+        wanted = tuple(1.1 * each for each in value) if isinstance(value, tuple) else min(1.1 * value, 0.9 + value / 10)
+        assert tuner.set(key, wanted) == pytest.approx(wanted), key
+    assert {key.split(".")[0] for key in tuner.keys} == {"wbc", "mpc", "locomotion"}
+    assert controller.feet._swings[0].clearance == tuner.values["locomotion.swing.clearance_m"]
+    with pytest.raises(InputError, match=r"wbc\.gains\.com\.kp"):
+        tuner.set("wbc.gains.com.kq", 1.0)
+
+
+def test_without_a_viewer_the_loop_goes_on(start: Callable[..., Player], config: Config) -> None:
+    player = start(config)
+
+    def vanish() -> None:
+        player.pipe.close()
+
+    with pytest.raises(Interrupted):
+        player.play((0.1, vanish), (0.5, interrupt))
+    assert saved(player).log.time[-1] > 0.45
+
+
+def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config) -> None:
+    """At a shank: force along the spring, and its moment about the body's centre of mass."""
+    session = start(config).run._session
+    pulls = Pulls(session)
+    robot, plant = session.robot, session.plant
+    joint = robot.model.getJointId("FL_KFE")
+    body = pulls._body_of[joint]
+    pulls.pull(Pull(joint, np.array([0.0, 0.0, -0.1]), np.array([1.0, 0.0, 0.2])))
+    wrench = pulls.wrenches(0.0)[body]
+    data = robot.create_data()
+    pin.forwardKinematics(robot.model, data, plant.sense().q)
+    grip = data.oMi[joint].act(np.array([0.0, 0.0, -0.1]))
+    np.testing.assert_allclose(np.cross(wrench[:3], np.array([1.0, 0.0, 0.2]) - grip), 0.0, atol=1e-9)
+    np.testing.assert_allclose(wrench[3:], np.cross(grip - plant.body_point(body), wrench[:3]), atol=1e-12)
+    pulls.pull(Pull(0))
+    assert pulls.is_active(0.0) and not pulls.wrenches(0.0)[body].any()
+    assert not pulls.is_active(0.001)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copyreg
 import difflib
+import importlib
 import signal
 import traceback
 from collections.abc import Iterable, Sequence
@@ -30,6 +31,7 @@ __all__ = [
     "cause_of",
     "legible",
     "nearest",
+    "required",
     "shortened",
 ]
 
@@ -224,6 +226,23 @@ class MissingDependencyError(LgmpcError):
         self.needed_for = needed_for
         self.install = install
         super().__init__(f"{needed_for} needs the package '{package}'. Install it with: {install}")
+
+
+def required(module: str, needed_for: str, extra: str) -> Any:
+    """Return a module of an optional package.
+
+    Args:
+        module: its name.
+        needed_for: what needs it, in words.
+        extra: the extra of lgmpc that brings it.
+
+    Raises:
+        MissingDependencyError: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingDependencyError(module, needed_for, f'pip install "lgmpc[{extra}]"') from error
 
 
 class Interrupted(KeyboardInterrupt):

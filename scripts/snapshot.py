@@ -2,46 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lgmpc.chromium import find_chromium
-from lgmpc.errors import InputError, MissingDependencyError
+from lgmpc.errors import InputError
+from lgmpc.viz.film import headless_chromium
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 __all__ = ["headless_chromium", "snapshots"]
-
-# WebGL in software: the same picture on any machine, also without display and graphics card.
-_ARGUMENTS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-
-
-@contextmanager
-def headless_chromium() -> Iterator[Browser]:
-    """Start a headless Chromium with WebGL, and end it with the block.
-
-    Raises:
-        MissingDependencyError: if playwright or a Chromium is not installed.
-    """
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError as error:
-        raise MissingDependencyError("playwright", "a picture of a replay", "pip install playwright") from error
-    executable = find_chromium()
-    if executable is None:
-        raise MissingDependencyError("chromium", "a picture of a replay", "apt-get install chromium")
-    # Chromium's sandbox does not run as root; the page is our own.
-    sandbox = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable, args=[*_ARGUMENTS, *sandbox])
-        try:
-            yield browser
-        finally:
-            browser.close()
 
 
 def snapshots(

@@ -200,18 +200,60 @@ def play(
     html: Annotated[
         Path | None, option("File for the page, not opened; replay.html in the run's own folder if not given.")
     ] = None,
+    video: Annotated[Path | None, option("Write a film to this .mp4 or .gif file instead (extra `video`).")] = None,
     runs: RunsFolder = Path("runs"),
 ) -> None:
     """Replay a run or a solved trajectory in the browser: robot, forces, friction cones, pushes, horizon.
 
     The page is one self-contained file, which any browser opens, on any machine.
     """
+    from lgmpc.config.showing import export as write
     from lgmpc.config.showing import show
+    from lgmpc.errors import InputError
     from lgmpc.runs import find_run
 
-    file = show(find_run(run, runs), html)
+    folder = find_run(run, runs)
+    if video is not None:
+        if video.suffix not in (".mp4", ".gif"):
+            raise InputError("--video", video.name, "a file that ends in .mp4 or .gif")
+        stdout().print(f"wrote {write(folder, video)}", markup=False)
+    if html is None and video is not None:
+        return
+    file = show(folder, html)
     if file is not None:
         show_page(file)
+
+
+@_command
+def export(
+    run: RunName,
+    csv: Annotated[Path | None, option("A table as CSV; the header has the units.", "--csv", metavar="FILE")] = None,
+    parquet: Annotated[
+        Path | None, option("A table as Parquet; fields have their units.", "--parquet", metavar="FILE")
+    ] = None,
+    mcap: Annotated[Path | None, option("All of a closed loop for Foxglove.", "--mcap", metavar="FILE")] = None,
+    rrd: Annotated[Path | None, option("All of a closed loop for rerun.", "--rrd", metavar="FILE")] = None,
+    table: Annotated[
+        str | None,
+        option("Table of --csv and --parquet: ticks, mpc; of a solve nodes, intervals, iterations.", metavar="NAME"),
+    ] = None,
+    runs: RunsFolder = Path("runs"),
+) -> None:
+    """Write a run for other tools: pandas and spreadsheets, Foxglove, rerun (extra `data`)."""
+    from lgmpc.config.showing import export as write
+    from lgmpc.errors import InputError
+    from lgmpc.runs import find_run
+
+    files = {"--csv": csv, "--parquet": parquet, "--mcap": mcap, "--rrd": rrd}
+    wanted = {name: file for name, file in files.items() if file is not None}
+    if not wanted:
+        raise InputError("lgmpc export", "no file", f"at least one of {', '.join(files)}")
+    for name, file in wanted.items():
+        if file.suffix != f".{name[2:]}":
+            raise InputError(name, file.name, f"a file that ends in .{name[2:]}")
+    folder = find_run(run, runs)
+    for file in wanted.values():
+        stdout().print(f"wrote {write(folder, file, table)}", markup=False)
 
 
 @_command

@@ -71,6 +71,12 @@ lgmpc sweep random_1000 --part 2/16 --out part_2    a sixteenth, as one of 16 ma
 play
 lgmpc play latest                          in the browser, with a time slider
 lgmpc play latest --html balance.html      one self-contained page
+lgmpc play latest --video balance.mp4      a film in real time; .gif too
+
+export
+lgmpc export latest --csv run.csv --parquet run.parquet
+lgmpc export latest --csv updates.csv --table mpc
+lgmpc export latest --mcap run.mcap --rrd run.rrd     for Foxglove and rerun
 
 plot
 lgmpc plot latest                          into the run's own folder, figures/

@@ -12,6 +12,7 @@ import numpy as np
 from lgmpc.config.loading import parse_any_config
 from lgmpc.config.robots import build_any_robot, joint_limits
 from lgmpc.config.solving import solution_as_run
+from lgmpc.errors import InputError
 from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
 from lgmpc.runs import Outcome, Run, SolvedRun, TrajectoryLog, load_run
@@ -33,6 +34,8 @@ from lgmpc.viz import (
     write_page,
 )
 from lgmpc.viz.figure_files import draw_figures, figure_title
+from lgmpc.viz.film import FILM_KINDS, write_film
+from lgmpc.viz.recordings import write_mcap, write_rrd
 from lgmpc.viz.trajectory_plots import trajectory_drawings
 from lgmpc.world import World, make_world
 
@@ -41,7 +44,7 @@ if TYPE_CHECKING:
     from lgmpc.problems import Scenario
     from lgmpc.solvers import History, Solution
 
-__all__ = ["SolveExplanation", "explain", "plot", "plot_solution", "report", "show", "show_solution"]
+__all__ = ["SolveExplanation", "explain", "export", "plot", "plot_solution", "report", "show", "show_solution"]
 
 
 def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path | None:
@@ -59,9 +62,47 @@ def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None 
         InputError: if the run has nothing to show.
     """
     loaded = _load(run)
-    robot = _robot_of(loaded)
-    page = replay_page(robot, loaded, None if isinstance(loaded, SolvedRun) else _ground_of(loaded))
-    return _display(page, html, loaded.path / "replay.html")
+    return _display(_replay(loaded), html, loaded.path / "replay.html")
+
+
+def _replay(run: Run | SolvedRun) -> str:
+    return replay_page(_robot_of(run), run, None if isinstance(run, SolvedRun) else _ground_of(run))
+
+
+def export(run: str | Path | FinishedRun | FinishedSolve, file: str | Path, table: str | None = None) -> Path:
+    """Write a run for other tools, in the format that the file's suffix names.
+
+    Args:
+        run: see :func:`show`.
+        file: .csv or .parquet, a table of the channels; .mcap for Foxglove or .rrd for rerun, of closed loops; .mp4 or
+            .gif, a film of the replay in real time.
+        table: of .csv and .parquet; see :meth:`lgmpc.runs.Run.to_pandas`.
+
+    Returns:
+        The file.
+
+    Raises:
+        RunFolderError: if the folder is not a complete run, or the file cannot be written.
+        InputError: for another suffix or table, for a solve as .mcap or .rrd, or if the run has no finite tick.
+        MissingDependencyError: if the format's package is not installed, or for a film no ffmpeg or Chromium.
+    """
+    loaded, path = _load(run), Path(file)
+    if path.suffix in (".csv", ".parquet"):
+        return loaded.to_csv(path, table) if path.suffix == ".csv" else loaded.to_parquet(path, table)
+    if path.suffix in FILM_KINDS and table is None:
+        times = loaded.log.time if isinstance(loaded, Run) else loaded.trajectory.times
+        write_film(_replay(loaded), path, float(times[-1] - times[0]))
+        return path
+    if path.suffix not in (".mcap", ".rrd", *FILM_KINDS):
+        raise InputError("file", path.name, "one that ends in .csv, .parquet, .mcap, .rrd, .mp4 or .gif")
+    if table is not None or isinstance(loaded, SolvedRun):
+        got = f"{path.name} of {loaded.path.name}" if table is None else f"{table} for {path.name}"
+        raise InputError(
+            "table" if table else "file", got, f"{path.suffix} of all of a closed loop, or .csv or .parquet"
+        )
+    write = write_mcap if path.suffix == ".mcap" else write_rrd
+    write(path, _robot_of(loaded), loaded, _ground_of(loaded))
+    return path
 
 
 def show_solution(

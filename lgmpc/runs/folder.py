@@ -17,6 +17,7 @@ import numpy as np
 from lgmpc.errors import RunFolderError, nearest
 from lgmpc.runs.atomic import atomic_write, reason_of
 from lgmpc.runs.log import RunLog
+from lgmpc.runs.recorded import Recorded
 from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
 from lgmpc.runs.trajectory import TrajectoryLog
 
@@ -44,8 +45,8 @@ DEPLOYMENT_FILE = "deployment.json"
 
 
 @dataclass(frozen=True)
-class Run:
-    """The contents of a run folder.
+class Run(Recorded):
+    """The contents of a run folder; ``run["tau"]`` is a channel of its log.
 
     Attributes:
         path: the folder.
@@ -59,14 +60,19 @@ class Run:
     log: RunLog = field(repr=False)
     result: RunResult
 
+    @property
+    def arrays(self) -> RunLog:
+        """The log."""
+        return self.log
+
     def _repr_html_(self) -> str:
         """Return a table of the verdict and of some figures."""
         return self.result.html(self.path)
 
 
 @dataclass(frozen=True)
-class SolvedRun:
-    """The contents of a solved problem's run folder.
+class SolvedRun(Recorded):
+    """The contents of a solved problem's run folder; ``run["xs"]`` is a channel of its trajectory.
 
     Attributes:
         path: the folder.
@@ -79,6 +85,11 @@ class SolvedRun:
     config: str = field(repr=False)
     trajectory: TrajectoryLog = field(repr=False)
     result: SolveResult
+
+    @property
+    def arrays(self) -> TrajectoryLog:
+        """The trajectory."""
+        return self.trajectory
 
     def _repr_html_(self) -> str:
         """Return a table of the verdict and of some figures."""
@@ -212,8 +223,8 @@ def find_run(text: str, runs: str | Path = "runs") -> Path:
 def load_run(run: str | Path, runs: str | Path = "runs") -> Run | SolvedRun:
     """Return the checked contents of a run folder: of a closed loop with its log, or of a solved problem.
 
-    The channels of a log are the attributes of :class:`~lgmpc.runs.log.RunLog`, described there; ``run.log.channels``
-    has the shapes and units of those that a run has.
+    ``run["contact_forces"]`` is the array of a channel; ``run.channels`` has shape, unit, frame and meaning of those
+    that the run has; ``run.to_pandas()`` and ``run.to_csv(file)`` are tables of them.
 
     Args:
         run: the folder; as text also its name in ``runs``, or ``latest``.

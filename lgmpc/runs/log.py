@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lgmpc.errors import RunFolderError
 from lgmpc.lie import quaternion
 from lgmpc.notebook import html_table
-from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of
+from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of, described
 from lgmpc.runs.ground import along_ground, foot_centres, level_ground
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
@@ -58,124 +58,107 @@ _step, _estimate, _fault, _friction, _forecast, _limit, _surface = (
 _entry = partial(channel, "entry")
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class RunLog(ArrayFile):
     """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
 
     Attributes:
-        time: (n,) s since the start, strictly increasing.
-        q: (n, nq) configuration.
-        v: (n, nv) velocity.
-        tau: (n, nu) torque applied by the plant, after clipping, N.m.
-        tau_command: (n, nu) torque that the controller commanded, N.m.
-        contact_forces: (n, nc, 3) forces on the robot, measured by the plant, N.
-        contact_forces_desired: (n, nc, 3) forces of the whole-body QP, N.
-        contact_points: (n, nc, 3) positions of the contact points, m: of spherical feet, the points nearest to the
-            ground.
-        contact_normals: (n, nc, 3) unit normals of the ground there.
-        com: (n, 3) centre of mass, m.
-        com_reference: (n, 3) its target, m.
-        momentum: (n, 6) centroidal momentum [linear; angular].
-        base_reference: (n, 7) target base pose [position, quaternion x y z w].
-        push: (n, 6) disturbance wrench applied [force; torque], N and N.m.
-        push_point: (n, 3) its point of application, m.
-        wbc_status: (n,) 0 = solved; a fallback command otherwise: 1 = the QP failed, 2 = the command was not finite.
-        wbc_ms: (n,) duration of the whole-body controller's tick, ms.
-        contact_clearance: (n, nc) distances of the contact points from the ground, negative below it, m.
-        ground_height: (n,) height of the ground below the base, m.
-        ground_normal: (n, 3) its unit normal there.
-        mpc_time: (m,) time of each MPC update, s.
-        mpc_horizon_com: (m, N+1, 3) predicted centre of mass, m.
-        mpc_forces: (m, nc, 3) forces of the first node, N.
-        mpc_status: (m,) 0 = solved.
-        mpc_ms: (m,) duration of each update, ms.
-        contact_frames: (nc,) names of the contact frames.
-        joint_names: (nu,) names of the actuated joints.
-        sensor_faults: (n,) quantities whose readings could not be true and were replaced: bits of
-            :data:`SENSOR_FAULTS`; None without an estimator.
-        forecast_ms: (n,) duration of forecasts of steps against a push, ms; None without such steps.
-        floor_friction: (n,) friction coefficient of the plant's floor; None, like the torque limits, if neither changed
-            during the run.
-        contact_friction: (n, nc) coefficients of the ground at the contact points; None if all of it has one.
-        torque_limits: (n, nu) torque limits that the plant clips at, N.m.
-        effort_limit: (nu,) torque limits that the plant clips at, at the end, N.m.
         friction: friction coefficient of the plant's floor at the end.
         contact_radius: radius of the spherical feet, m (0 = point feet).
-        upright_axis: (3,) axis of the base that is vertical in the robot's posture; None in older logs, whose first
-            reference has it.
         control_period_s: time between two control ticks, s.
         mpc_period_s: time between two MPC updates, s (0 = no MPC).
         floating_base: whether ``q`` begins with a base pose.
         mass_kg: mass of the simulated robot; NaN where it was not recorded.
-        estimate_q: (n, nq) configuration that the controller received; None, like all of the estimate, if it was the
-            true one.
-        estimate_v: (n, nv) velocity that it received.
-        estimate_contacts: (n, nc) 1 = the estimator classified the foot as standing, 2 = and rejected its measurement,
-            because it slides.
-        estimate_ms: (n,) duration of the estimator's tick, ms.
-        command: (n, 3) limited motion command [velocity ahead, to the left, m/s; yaw rate, rad/s] in the horizontal
-            frame that turns with the base; None, like all of the steps, if they were not recorded.
-        mode: (n,) mode of the controller, as index into :data:`MODES`.
-        gait_period_s: (n,) duration of one cycle of the gait that the schedule follows, s.
-        stance: (n, nc) 1 = the controller assumes that the foot is in contact.
-        contact_states: (n, nc) state of each foot, as index into :data:`CONTACT_STATES`.
-        swing_targets: (n, nc, 3) reference of a foot in the air, contact point of one in stance, m.
-        footholds: (n, nc, 3) current or next foothold of each foot, m.
-        joint_friction: (n, nu) estimated friction that the torques overcome, N.m; None if it was not estimated.
     """
 
-    time: Array = _tick(unit="s")
-    q: Array = _tick("nq")
-    v: Array = _tick("nv")
-    tau: Array = _tick("nu", unit="N.m")
-    tau_command: Array = _tick("nu", unit="N.m")
-    contact_forces: Array = _tick("nc", 3, unit="N")
-    contact_forces_desired: Array = _tick("nc", 3, unit="N")
-    contact_points: Array = _tick("nc", 3, unit="m")
-    contact_normals: Array = _tick("nc", 3)
-    com: Array = _tick(3, unit="m")
-    com_reference: Array = _tick(3, unit="m")
-    momentum: Array = _tick(6)
-    base_reference: Array = _tick(7)
-    push: Array = _tick(6)
-    push_point: Array = _tick(3, unit="m")
-    wbc_status: StatusArray = _tick(dtype=np.int8)
-    wbc_ms: Array = _tick(unit="ms")
-    contact_clearance: Array = _ground("nc", unit="m")
-    ground_height: Array = _ground(unit="m")
-    ground_normal: Array = _ground(3)
-    mpc_time: Array = _update(unit="s")
-    mpc_horizon_com: Array = _update("nodes", 3, unit="m")
-    mpc_forces: Array = _update("nc", 3, unit="N")
-    mpc_status: StatusArray = _update(dtype=np.int8)
-    mpc_ms: Array = _update(unit="ms")
-    estimate_q: Array | None = _estimate("nq")
-    estimate_v: Array | None = _estimate("nv")
-    estimate_contacts: StatusArray | None = _estimate("nc", dtype=np.int8)
-    estimate_ms: Array | None = _estimate(unit="ms")
-    command: Array | None = _step(3)
-    mode: StatusArray | None = _step(dtype=np.int8)
-    gait_period_s: Array | None = _step(unit="s")
-    stance: StatusArray | None = _step("nc", dtype=np.int8)
-    contact_states: StatusArray | None = _step("nc", dtype=np.int8)
-    swing_targets: Array | None = _step("nc", 3, unit="m")
-    footholds: Array | None = _step("nc", 3, unit="m")
-    joint_friction: Array | None = _friction("nu", unit="N.m")
-    sensor_faults: NDArray[np.uint8] | None = _fault(dtype=np.uint8)
-    forecast_ms: Array | None = _forecast(unit="ms")
-    floor_friction: Array | None = _limit()
-    torque_limits: Array | None = _limit("nu", unit="N.m")
-    contact_friction: Array | None = _surface("nc")
-    contact_frames: NDArray[np.str_] = _entry("nc", dtype=np.str_)
-    effort_limit: Array = _entry("nu", unit="N.m")
-    joint_names: NDArray[np.str_] = _entry("nu", dtype=np.str_)
+    time: Array = _tick("since the start, strictly increasing", unit="s")
+    q: Array = _tick("configuration", "nq", unit="m m m 1 1 1 1 rad", frame="world")
+    v: Array = _tick("velocity, of the base in its own axes", "nv", unit="m/s m/s m/s rad/s", frame="base")
+    tau: Array = _tick("torques applied by the plant, after clipping", "nu", unit="N.m")
+    tau_command: Array = _tick("torques that the controller commanded", "nu", unit="N.m")
+    contact_forces: Array = _tick("forces on the robot, measured by the plant", "nc", 3, unit="N", frame="world")
+    contact_forces_desired: Array = _tick("forces of the whole-body QP", "nc", 3, unit="N", frame="world")
+    contact_points: Array = _tick(
+        "contact points; of spherical feet, the points nearest to the ground", "nc", 3, unit="m", frame="world"
+    )
+    contact_normals: Array = _tick("unit normals of the ground at the contact points", "nc", 3, frame="world")
+    com: Array = _tick("centre of mass", 3, unit="m", frame="world")
+    com_reference: Array = _tick("target of the centre of mass", 3, unit="m", frame="world")
+    momentum: Array = _tick("centroidal momentum [linear; angular]", 6, unit="N.s N.s N.s N.m.s", frame="world")
+    base_reference: Array = _tick("target base pose [position, quaternion x y z w]", 7, unit="m m m 1", frame="world")
+    push: Array = _tick("disturbance wrench applied [force; torque]", 6, unit="N N N N.m", frame="world")
+    push_point: Array = _tick("point of application of the push", 3, unit="m", frame="world")
+    wbc_status: StatusArray = _tick(
+        "0 = solved; a fallback command otherwise: 1 = the QP failed, 2 = the command was not finite", dtype=np.int8
+    )
+    wbc_ms: Array = _tick("duration of the whole-body controller's tick", unit="ms")
+    contact_clearance: Array = _ground(
+        "distances of the contact points from the ground, negative below it", "nc", unit="m"
+    )
+    ground_height: Array = _ground("height of the ground below the base", unit="m", frame="world")
+    ground_normal: Array = _ground("unit normal of the ground below the base", 3, frame="world")
+    mpc_time: Array = _update("of each MPC update", unit="s")
+    mpc_horizon_com: Array = _update("predicted centre of mass", "nodes", 3, unit="m", frame="world")
+    mpc_forces: Array = _update("forces of the first node", "nc", 3, unit="N", frame="world")
+    mpc_status: StatusArray = _update("0 = solved", dtype=np.int8)
+    mpc_ms: Array = _update("duration of each update", unit="ms")
+    estimate_q: Array | None = _estimate(
+        "configuration that the controller received; not recorded, like all of the estimate, if it was the true one",
+        "nq",
+        unit="m m m 1 1 1 1 rad",
+        frame="world",
+    )
+    estimate_v: Array | None = _estimate(
+        "velocity that the controller received", "nv", unit="m/s m/s m/s rad/s", frame="base"
+    )
+    estimate_contacts: StatusArray | None = _estimate(
+        "1 = the estimator classified the foot as standing, 2 = and rejected its measurement, because it slides",
+        "nc",
+        dtype=np.int8,
+    )
+    estimate_ms: Array | None = _estimate("duration of the estimator's tick", unit="ms")
+    command: Array | None = _step(
+        "limited motion command [velocity ahead, to the left; yaw rate], in axes that turn with the base",
+        3,
+        unit="m/s m/s rad/s",
+        frame="horizontal",
+    )
+    mode: StatusArray | None = _step("mode of the controller, as index into MODES", dtype=np.int8)
+    gait_period_s: Array | None = _step("duration of one cycle of the gait that the schedule follows", unit="s")
+    stance: StatusArray | None = _step("1 = the controller assumes that the foot is in contact", "nc", dtype=np.int8)
+    contact_states: StatusArray | None = _step("state of each foot, as index into CONTACT_STATES", "nc", dtype=np.int8)
+    swing_targets: Array | None = _step(
+        "reference of a foot in the air, contact point of one in stance", "nc", 3, unit="m", frame="world"
+    )
+    footholds: Array | None = _step("current or next foothold of each foot", "nc", 3, unit="m", frame="world")
+    joint_friction: Array | None = _friction("estimated friction that the torques overcome", "nu", unit="N.m")
+    sensor_faults: NDArray[np.uint8] | None = _fault(
+        "quantities whose readings could not be true and were replaced: bits of SENSOR_FAULTS", dtype=np.uint8
+    )
+    forecast_ms: Array | None = _forecast("duration of forecasts of steps against a push", unit="ms")
+    floor_friction: Array | None = _limit(
+        "friction coefficient of the plant's floor; not recorded, like the torque limits, if neither changed"
+    )
+    torque_limits: Array | None = _limit("torque limits that the plant clips at", "nu", unit="N.m")
+    contact_friction: Array | None = _surface(
+        "friction coefficients of the ground at the contact points; not recorded if all of it has one", "nc"
+    )
+    contact_frames: NDArray[np.str_] = _entry("names of the contact frames", "nc", dtype=np.str_)
+    effort_limit: Array = _entry("torque limits that the plant clips at, at the end", "nu", unit="N.m")
+    joint_names: NDArray[np.str_] = _entry("names of the actuated joints", "nu", dtype=np.str_)
     friction: float
     contact_radius: float
     control_period_s: float
     mpc_period_s: float
     floating_base: bool = True
     mass_kg: float = math.nan
-    upright_axis: Array | None = _entry(3, optional=True)
+    upright_axis: Array | None = _entry(
+        "axis of the base that is vertical in the robot's posture; None in older logs, whose first reference has it",
+        3,
+        frame="base",
+        optional=True,
+    )
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
@@ -197,6 +180,17 @@ class RunLog(ArrayFile):
     def ticks(self) -> int:
         """Number of logged control ticks n."""
         return len(self.time)
+
+    def tables(self) -> dict[str, list[str]]:
+        """Return the channels that this log has: of its ticks and of the updates of the MPC, each with its time."""
+        return {"ticks": [name for table in self._tick_tables() for name in table], "mpc": list(MPC_CHANNELS)}
+
+    def names_along(self) -> dict[str, list[str]]:
+        """Return the names of entries along the axes nq, nv, nu and nc."""
+        joints = self.joint_names.tolist()
+        base = ("x y z qx qy qz qw", "vx vy vz wx wy wz") if self.floating_base else ("", "")
+        names = {f"n{axis}": [*words.split(), *joints] for axis, words in zip("qv", base, strict=True)}
+        return names | {"nu": joints, "nc": self.contact_frames.tolist()}
 
     @property
     def finite_ticks(self) -> int:
@@ -225,12 +219,6 @@ class RunLog(ArrayFile):
         present = [table for table in optional if any(getattr(self, name) is not None for name in table)]
         return [CHANNELS, GROUND_CHANNELS, *present]
 
-    @property
-    def channels(self) -> dict[str, tuple[tuple[int, ...], str]]:
-        """Shape and unit of each channel that this log has; their meaning is that of the attribute of this name."""
-        tables = (*self._tick_tables(), MPC_CHANNELS)
-        return {name: (getattr(self, name).shape, each.unit) for table in tables for name, each in table.items()}
-
     def __repr__(self) -> str:
         last = f", {self.time[0]:g} to {self.time[-1]:g} s" if self.ticks else ""
         return (
@@ -241,7 +229,7 @@ class RunLog(ArrayFile):
 
     def _repr_html_(self) -> str:
         """Return a table of the channels."""
-        return html_table("RunLog", [(name, f"{shape} {unit}") for name, (shape, unit) in self.channels.items()])
+        return html_table("RunLog", [(name, f"{each.shape} {each.unit}") for name, each in self.channels.items()])
 
     @cached_property
     def normal_forces(self) -> Array:

@@ -9,41 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs.channels import ArrayFile, channel, channels_of
+from lgmpc.runs.channels import ArrayFile, channel, channels_of, described
 from lgmpc.typing import Array, BoolArray
 
 __all__ = ["TrajectoryLog"]
 
 
 _array = partial(channel, "array")  # axes of the same name have equal lengths
+_TABLES = ("nodes", "intervals", "iterations")
 
 
+@described
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryLog(ArrayFile):
     """A trajectory of N intervals with nc contacts, found in i iterations. World axes, SI units, read-only arrays.
 
     Attributes:
-        times: (N+1,) of the nodes, s, not decreasing; an impact's two nodes have the same.
-        xs: (N+1, nx) states [configuration; velocity].
-        us: (N, nu) controls.
-        com: (N+1, 3) centre of mass, m.
-        contact_points: (N+1, nc, 3) positions of the contact points, m.
-        contact_flags: (N, nc) contacts with the ground in each interval.
-        contact_forces: (N, nc, 3) forces on the robot, N.
-        contact_frames: (nc,) names of the contact frames.
-        control_names: (nu,) names of the controls.
-        control_lower: (nu,) lower limits; minus infinity where unknown.
-        control_upper: (nu,) upper limits; infinity where unknown.
-        waypoint_names: (w,) frames or bodies with targets.
-        waypoint_times: (w,) times of the targets, s.
-        waypoint_positions: (w, 3) m.
-        waypoint_rotations: (w, 3, 3) world from frame; NaN for a position only.
-        iteration_cost: (i,) cost after each iteration.
-        iteration_criterion: (i,) the measure compared with the tolerance; NaN where it is not reported.
-        iteration_gap: (i,) largest gap of the dynamics at the start of each.
-        iteration_step: (i,) length of the step; 0 where none was accepted, NaN where it is not reported.
-        iteration_regularization: (i,) regularisation of the backward sweep.
-        iteration_elapsed: (i,) s since the solver began.
         control_unit: of all controls.
         nq: size of the configuration.
         floating_base: whether the configuration begins with a base pose.
@@ -53,27 +34,31 @@ class TrajectoryLog(ArrayFile):
         RunFolderError: arrays of inconsistent shapes.
     """
 
-    times: Array = _array("nodes")
-    xs: Array = _array("nodes", "nx")
-    us: Array = _array("intervals", "nu")
-    com: Array = _array("nodes", 3)
-    contact_points: Array = _array("nodes", "nc", 3)
-    contact_flags: BoolArray = _array("intervals", "nc", dtype=np.bool_)
-    contact_forces: Array = _array("intervals", "nc", 3)
-    contact_frames: NDArray[np.str_] = _array("nc", dtype=np.str_)
-    control_names: NDArray[np.str_] = _array("nu", dtype=np.str_)
-    control_lower: Array = _array("nu")
-    control_upper: Array = _array("nu")
-    waypoint_names: NDArray[np.str_] = _array("waypoints", dtype=np.str_)
-    waypoint_times: Array = _array("waypoints")
-    waypoint_positions: Array = _array("waypoints", 3)
-    waypoint_rotations: Array = _array("waypoints", 3, 3)
-    iteration_cost: Array = _array("iterations")
-    iteration_criterion: Array = _array("iterations")
-    iteration_gap: Array = _array("iterations")
-    iteration_step: Array = _array("iterations")
-    iteration_regularization: Array = _array("iterations")
-    iteration_elapsed: Array = _array("iterations")
+    times: Array = _array("of the nodes, not decreasing; an impact's two nodes have the same", "nodes", unit="s")
+    xs: Array = _array("states [configuration; velocity]", "nodes", "nx")
+    us: Array = _array("controls", "intervals", "nu")
+    com: Array = _array("centre of mass", "nodes", 3, unit="m", frame="world")
+    contact_points: Array = _array("positions of the contact points", "nodes", "nc", 3, unit="m", frame="world")
+    contact_flags: BoolArray = _array("contacts with the ground in each interval", "intervals", "nc", dtype=np.bool_)
+    contact_forces: Array = _array("forces on the robot", "intervals", "nc", 3, unit="N", frame="world")
+    contact_frames: NDArray[np.str_] = _array("names of the contact frames", "nc", dtype=np.str_)
+    control_names: NDArray[np.str_] = _array("names of the controls", "nu", dtype=np.str_)
+    control_lower: Array = _array("lower limits; minus infinity where unknown", "nu")
+    control_upper: Array = _array("upper limits; infinity where unknown", "nu")
+    waypoint_names: NDArray[np.str_] = _array("frames or bodies with targets", "waypoints", dtype=np.str_)
+    waypoint_times: Array = _array("times of the targets", "waypoints", unit="s")
+    waypoint_positions: Array = _array("positions of the targets", "waypoints", 3, unit="m", frame="world")
+    waypoint_rotations: Array = _array("world from frame; NaN for a position only", "waypoints", 3, 3, frame="world")
+    iteration_cost: Array = _array("cost after each iteration", "iterations")
+    iteration_criterion: Array = _array(
+        "the measure compared with the tolerance; NaN where it is not reported", "iterations"
+    )
+    iteration_gap: Array = _array("largest gap of the dynamics at the start of each iteration", "iterations")
+    iteration_step: Array = _array(
+        "length of the step; 0 where none was accepted, NaN where it is not reported", "iterations"
+    )
+    iteration_regularization: Array = _array("regularisation of the backward sweep", "iterations")
+    iteration_elapsed: Array = _array("since the solver began", "iterations", unit="s")
     control_unit: str
     nq: int
     floating_base: bool
@@ -92,6 +77,15 @@ class TrajectoryLog(ArrayFile):
 
     def __repr__(self) -> str:
         return f"TrajectoryLog({self.nodes} intervals, {self.times[-1]:g} s, {len(self.iteration_cost)} iterations)"
+
+    def tables(self) -> dict[str, list[str]]:
+        """Return the channels of nodes, intervals and iterations."""
+        found = channels_of(TrajectoryLog, "array")
+        return {axis: [n for n, each in found.items() if each.axes[0] == axis] for axis in _TABLES}
+
+    def names_along(self) -> dict[str, list[str]]:
+        """Return the names of entries along the axes nu and nc."""
+        return {"nu": self.control_names.tolist(), "nc": self.contact_frames.tolist()}
 
     @property
     def nodes(self) -> int:

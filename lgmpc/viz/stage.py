@@ -8,13 +8,13 @@ import numpy as np
 
 from lgmpc.lie import quaternion
 from lgmpc.runs.ground import ground_below
-from lgmpc.typing import Array
+from lgmpc.typing import Array, IntArray
 from lgmpc.viz.marks import turns_to
 from lgmpc.viz.mesh import disc, shade
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Box, HeightField, Plane, World
 
-__all__ = ["BOX_COLOR", "FLOOR_COLOR", "add_solids", "add_stage", "frame_camera"]
+__all__ = ["BOX_COLOR", "FLOOR_COLOR", "add_solids", "add_stage", "field_triangles", "frame_camera"]
 
 FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the fog."""
@@ -110,13 +110,18 @@ def add_solids(scene: Scene, ground: World, cell: float) -> None:
         scene.add_segments(f"/ground/{name} edges", edges, EDGE_COLOR)
 
     for i, field in enumerate(each for each in ground.surfaces if isinstance(each, HeightField)):
-        rows, columns = field.heights.shape
-        (x0, y0), (x1, y1) = field.corners
-        x, y = np.meshgrid(np.linspace(x0, x1, columns), np.linspace(y0, y1, rows))
-        first = (columns * np.arange(rows - 1)[:, None] + np.arange(columns - 1)).ravel()
-        corners = np.column_stack([first, first + 1, first + columns + 1, first, first + columns + 1, first + columns])
-        mesh = shade(np.stack([x, y, field.heights], axis=-1).reshape(-1, 3), corners.reshape(-1, 3))
+        mesh = shade(*field_triangles(field))
         scene.add_mesh(f"/ground/heights {i}", mesh, Material(BOX_COLOR, shininess=0.0, double_sided=True))
+
+
+def field_triangles(field: HeightField) -> tuple[Array, IntArray]:
+    """Return the vertices (n, 3), m, and the triangles (m, 3) of a height field."""
+    rows, columns = field.heights.shape
+    (x0, y0), (x1, y1) = field.corners
+    x, y = np.meshgrid(np.linspace(x0, x1, columns), np.linspace(y0, y1, rows))
+    first = (columns * np.arange(rows - 1)[:, None] + np.arange(columns - 1)).ravel()
+    corners = np.column_stack([first, first + 1, first + columns + 1, first, first + columns + 1, first + columns])
+    return np.stack([x, y, field.heights], axis=-1).reshape(-1, 3), corners.reshape(-1, 3).astype(np.int64)
 
 
 _SIDES = np.array(

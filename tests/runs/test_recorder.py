@@ -214,7 +214,7 @@ def test_a_log_from_before_there_was_other_ground_is_read_as_on_a_level_floor(st
 
 def test_a_log_says_what_it_contains_in_a_few_lines(standing) -> None:
     assert len(repr(standing).splitlines()) <= 3 and "1000 ticks" in repr(standing)
-    assert standing.channels["contact_forces"] == ((1000, 4, 3), "N")
+    assert standing.channels["contact_forces"][:2] == ((1000, 4, 3), "N")
     assert set(standing.channels) <= set(standing.arrays())
 
 

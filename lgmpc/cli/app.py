@@ -42,6 +42,10 @@ app = typer.Typer(
 )
 _PORT = 47800
 """Port of a simulated robot."""
+Secret = Annotated[
+    Path | None,
+    option("File of mode 600 with the secret of the link; unless given, the user's own, which programs here share."),
+]
 
 
 def _command(function: Callable[..., int | None]) -> Callable[..., None]:
@@ -148,6 +152,9 @@ def deploy(
     address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Address of the robot.")] = (
         f"127.0.0.1:{_PORT}"
     ),
+    secret: Secret = None,
+    disarmed: Annotated[bool, typer.Option("--disarmed", help="Send nothing until the key a is pressed.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Compute commands, but send none.")] = False,
     out: OutFolder = Path("runs"),
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -155,7 +162,7 @@ def deploy(
     """Run a config's controllers on a robot in real time, over UDP, save the run and judge it.
 
     Requires an estimator in the config. The run is judged by the estimate. At the end, after Ctrl-C, and while no
-    measurements arrive, the joints are damped.
+    measurements arrive, the joints are damped. Keys: space stops at once, l lies down and ends, d disarms, a arms.
     """
     from lgmpc.config import load_config
 
@@ -163,7 +170,8 @@ def deploy(
     from lgmpc.cli.running import deploy_shown
     from lgmpc.hardware.udp import parse_address
 
-    return deploy_shown(loaded, parse_address(address), out, as_json=as_json, quiet=quiet)
+    robot = parse_address(address), secret
+    return deploy_shown(loaded, robot, out, disarmed=disarmed, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
 @_command
@@ -173,6 +181,7 @@ def robot(
     overrides: Overrides = [],  # noqa: B006
     host: Annotated[str, typer.Option(help="Address of this machine to listen at.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes any free one.")] = _PORT,
+    secret: Secret = None,
     lock_step: Annotated[
         bool,
         typer.Option("--lock-step", help="Wait for the answer to each measurement instead of moving in real time."),
@@ -188,7 +197,7 @@ def robot(
     loaded = load_config(config, [*overrides, *more])
     from lgmpc.cli.running import serve_shown
 
-    return serve_shown(loaded, host, port, lock_step=lock_step)
+    return serve_shown(loaded, (host, port), secret, lock_step=lock_step)
 
 
 _command(studies.sweep)

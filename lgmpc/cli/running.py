@@ -169,15 +169,32 @@ def _run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]
         yield display
 
 
-def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_json: bool, quiet: bool) -> int:
-    """Run ``config`` on the robot at ``address``, print the verdict, and return the exit code."""
+def deploy_shown(
+    config: Config,
+    robot: tuple[tuple[str, int], Path | None],
+    folder: Path,
+    *,
+    disarmed: bool,
+    dry_run: bool,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Run ``config`` on the robot at an address, with a secret, print the verdict, and return the exit code."""
     from lgmpc.config.deploying import deploy_config
     from lgmpc.hardware import UdpDriver
+    from lgmpc.hardware.safety import Keys
+    from lgmpc.hardware.secret import read_secret
 
-    console = err()
-    with _run_display(console, quiet=quiet) as display, warnings_on(console):
+    console, address, secret = err(), robot[0], read_secret(robot[1])
+    with Keys.of_terminal(not disarmed) as keys, _run_display(console, quiet=quiet) as display, warnings_on(console):
         finished, deployment = deploy_config(
-            config, lambda nu: UdpDriver(address, nu), folder, notify=display.announce, progress=display.advance
+            config,
+            lambda nu: UdpDriver(address, nu, secret),
+            folder,
+            notify=display.announce,
+            progress=display.advance,
+            operator=keys,
+            dry_run=dry_run,
         )
     if as_json:
         print_result(finished.folder.path, finished.result)
@@ -188,16 +205,17 @@ def deploy_shown(config: Config, address: tuple[str, int], folder: Path, *, as_j
     return finished.exit_code
 
 
-def serve_shown(config: Config, host: str, port: int, *, lock_step: bool) -> int:
+def serve_shown(config: Config, address: tuple[str, int], secret: Path | None, *, lock_step: bool) -> int:
     """Simulate the robot of ``config``, print figures of its motion and of the link, and return the exit code."""
     from lgmpc.config.deploying import serve_config
     from lgmpc.hardware import UdpRobot
+    from lgmpc.hardware.secret import read_secret
 
-    console = err()
+    console, key = err(), read_secret(secret)
     with warnings_on(console), stop_signals():
         served = serve_config(
             config,
-            lambda nu: UdpRobot(nu, host, port),
+            lambda nu: UdpRobot(nu, *address, key),
             lock_step=lock_step,
             notify=lambda message: console.print(message, markup=False),
         )

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +23,14 @@ from lgmpc.config.closed_loop import RunObserver, judged
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult
+from lgmpc.control.interface import Command, CommandGuard, command_limits
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator
 from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
+from lgmpc.hardware.safety import JointLimits, Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
+from lgmpc.locomotion.command import CommandSource, MotionCommand
 from lgmpc.runs import Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
@@ -47,6 +50,8 @@ def deploy_config(
     *,
     notify: Notify | None = None,
     progress: ProgressReport | None = None,
+    operator: Operator | None = None,
+    dry_run: bool = False,
 ) -> tuple[FinishedRun, Deployment]:
     """Run the controllers of ``config`` on a robot, in real time, and save the run.
 
@@ -60,6 +65,8 @@ def deploy_config(
         out: folder of run folders.
         notify: called with a description of what is being prepared.
         progress: called with the progress of the run.
+        operator: emergency stop, arming and lying down by the person who watches; none unless given.
+        dry_run: whether nothing is sent to the robot.
 
     Returns:
         The run, and the figures of link and loop.
@@ -71,7 +78,9 @@ def deploy_config(
     sessions: list[_DeploymentSession] = []
 
     def prepare(announce: Notify) -> _DeploymentSession:
-        sessions.append(_prepare(config, driver, announce))
+        session = _prepare(config, driver, announce)
+        session.operator, session.dry_run = Operator() if operator is None else operator, dry_run
+        sessions.append(session)
         return sessions[0]
 
     finished = run_session(config, prepare, out, notify=notify, progress=progress)
@@ -109,9 +118,10 @@ def serve_config(
     robot = build_robot(config)
     world = make_world(config.world, config.plant.friction, config.seed)
     plant = make_plant(robot, config.plant, world)
-    rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
+    rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s + config.deployment.lie_down_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))
-    hardware = Hardware(build_drives(config, plant), computing, lambda: Spent(0.0, False, False))
+    guard = CommandGuard(config.deployment.damping_nms, command_limits(robot.effort_limit))
+    hardware = Hardware(build_drives(config, plant), computing, lambda: Spent(0.0, False, False), guard)
     with closing(link(robot.nu)) as end:
         notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
         if not end.wait_for_controller(wait_s):
@@ -155,6 +165,8 @@ class _DeploymentSession:
     recorder: Recorder
     legs: LeggedEstimator
     driver: Callable[[int], Driver]
+    operator: Operator = field(default_factory=Operator)
+    dry_run: bool = False
     deployment: Deployment | None = None
 
     @property
@@ -174,17 +186,23 @@ class _DeploymentSession:
             torque = tick.command.torque(measured.joints, measured.speeds)
             observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, nothing))
 
+        robot, controller = self.controller.robot, self.controller
+        controller.commands = _LyingAtTheEnd(controller.commands, self.operator)
+        driver = self.driver(robot.nu)
         self.deployment = deploy(
-            self.driver(self.controller.robot.nu),
+            _Listening(driver) if self.dry_run else driver,
             self.controller,
             self.legs,
             period_s=self.rates.period,
             duration_s=self.rates.ticks * self.rates.period,
             settings=self.config.deployment,
             on_tick=record,
+            limits=JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit),
+            operator=self.operator,
         )
         ending = self.deployment.ending
-        failure = {Ending.LOST: ending.value, Ending.FAILED: self.deployment.failure}.get(ending, "")
+        early = ending not in (Ending.DURATION, Ending.INTERRUPTED)
+        failure = self.deployment.failure or (ending.value if early else "")
         interrupted = ending is Ending.INTERRUPTED
         log = self.recorder.log()
         metrics, verdict = judged(
@@ -193,6 +211,27 @@ class _DeploymentSession:
         if self.deployment.too_slow and verdict.outcome is Outcome.FAIL:
             verdict = Verdict(Outcome.FAIL, (*verdict.reasons, self.deployment.too_slow))
         return SessionResult(log.decimated(self.config.log_every), metrics, verdict, interrupted)
+
+
+class _Listening:
+    """A driver that sends nothing: a dry run."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.read, self.close = driver.read, driver.close
+
+    def write(self, command: Command) -> None:
+        pass
+
+
+@dataclass(frozen=True)
+class _LyingAtTheEnd:
+    """Commands of a source, until the robot shall lie down."""
+
+    source: CommandSource
+    operator: Operator
+
+    def at(self, t: float) -> MotionCommand:
+        return MotionCommand(mode="lie") if self.operator.lies else self.source.at(t)
 
 
 def _figures(deployment: Deployment) -> dict[str, object]:

@@ -19,7 +19,7 @@ from lgmpc.control.modes import ModeSettings
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError, InputError, nearest
 from lgmpc.estimation import DelaySettings, JointFrictionSettings, LeggedEstimatorSettings
-from lgmpc.hardware.deployment import DeploymentSettings
+from lgmpc.hardware.safety import DeploymentSettings
 from lgmpc.locomotion.command import Timeline
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings

@@ -16,7 +16,7 @@ import numpy as np
 
 from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["Command", "CommandGuard", "Controller", "Estimator", "Measurement", "RobotState"]
+__all__ = ["Command", "CommandGuard", "Controller", "Estimator", "Measurement", "RobotState", "command_limits"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -135,31 +135,56 @@ def zeros(size: int) -> Array:
     return array
 
 
+def command_limits(effort: Array) -> Command:
+    """Return the largest magnitudes of commands that make sense for joints of the torque limits ``effort`` (nu,), N.m.
+
+    They are far beyond those of any controller: ten times the torque, gains that reach the limit within 1 mrad and
+    0.01 rad/s. A greater one is an error of units, or of a program.
+    """
+    effort = np.where(np.isfinite(effort), effort, 1e3)
+    return Command(10.0 * effort, np.full(effort.size, 100.0), np.full(effort.size, 1e3), 1e3 * effort, 1e2 * effort)
+
+
 class CommandGuard:
-    """Replaces commands that are not finite by damping of the joints, counts them, and logs the first of a series.
+    """Replaces commands that cannot be meant by damping of the joints, counts them, and logs the first of a series.
+
+    These are commands that are not finite and, where there are limits, those beyond them.
 
     Args:
         damping: of each joint, N.m.s/rad.
+        limits: largest magnitudes, as of :func:`command_limits`; none unless given.
 
     Attributes:
         faults: number of commands replaced so far.
     """
 
-    def __init__(self, damping: float) -> None:
+    def __init__(self, damping: float, limits: Command | None = None) -> None:
         self.faults = 0
-        self._damping, self._faulty = damping, False
+        self._damping, self._faulty, self._limits = damping, False, limits
 
     def check(self, command: Command, time: float, q: Array) -> Command:
         """Return the command of ``time`` (s), or damping of the joints, whose positions are the last nu of ``q``."""
-        fault = command.fault
+        fault = command.fault or self._excess(command)
         if fault:
             self.faults += 1
             if not self._faulty:
-                _LOG.error("the command at %.3f s is not finite (%s): the joints are damped instead", time, fault)
+                what = "beyond bounds" if command.fault == "" else "not finite"
+                _LOG.error("the command at %.3f s is %s (%s): the joints are damped instead", time, what, fault)
             nothing = np.zeros_like(command.tau)
             command = Command.damping(nothing, q[-nothing.size :], self._damping)
         self._faulty = bool(fault)
         return command
+
+    def _excess(self, command: Command) -> str:
+        """Return the first element beyond its limit, as "kp[3] is 1e+300, more than 1.8e+03"; empty if none is."""
+        if self._limits is None:
+            return ""
+        none = zeros(command.tau.size)
+        for name, values, most in zip(command._fields, command, self._limits, strict=True):
+            if values is not none and (np.abs(values) > most).any():
+                k = int(np.argmax(np.abs(values) > most))
+                return f"{name}[{k}] is {values[k]:.3g}, more than {most[k]:.3g}"
+        return ""
 
 
 class Controller(Protocol):

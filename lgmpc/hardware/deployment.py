@@ -7,27 +7,36 @@ is one that damps the joints.
 from __future__ import annotations
 
 import enum
-import gc
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Protocol
 
 import numpy as np
-from pydantic import Field
 
-from lgmpc.control.interface import Command, CommandGuard, Controller, Estimator, Measurement, RobotState
+from lgmpc.control.interface import (
+    Command,
+    CommandGuard,
+    Controller,
+    Estimator,
+    Measurement,
+    RobotState,
+    command_limits,
+)
 from lgmpc.errors import cause_of
-from lgmpc.settings import Positive, Settings
+from lgmpc.hardware.realtime import real_time
+from lgmpc.hardware.safety import DeploymentSettings, JointLimits, Operator, Safety
 from lgmpc.typing import IntArray
 
-__all__ = ["DeployedTick", "Deployment", "DeploymentSettings", "Driver", "Ending", "deploy"]
+__all__ = ["DeployedTick", "Deployment", "Driver", "Ending", "deploy"]
 
 _LOG = logging.getLogger(__name__)
 _MOST_LATE = 0.1
 """Share of late or unanswered measurements from which on a machine is too slow."""
+_LIE_DOWN_S = 5.0
+"""Time for lying down at the user's request where the settings have none."""
 
 
 class Driver(Protocol):
@@ -47,23 +56,14 @@ class Driver(Protocol):
         """Close the link. From here on the robot is protected by its own watchdog only."""
 
 
-class DeploymentSettings(Settings):
-    """Limits of the loop that runs a controller on a robot in real time."""
-
-    silence_s: Positive = Field(
-        default=0.02, description="Time without a measurement after which the joints are damped, s."
-    )
-    lost_s: Positive = Field(default=1.0, description="Time without a measurement after which the run ends, s.")
-    damping_nms: Positive = Field(
-        default=0.1, description="Damping of each joint, N.m.s, while there is no valid command, and after the run."
-    )
-
-
 class Ending(enum.Enum):
     """Cause of the end of a run."""
 
     DURATION = "its duration is over"
     LOST = "no measurements arrive"
+    CLOCK = "the robot's clock jumped or stands still"
+    LIMIT = "a limit of the section deployment was exceeded"
+    STOPPED = "emergency stop"
     INTERRUPTED = "it was stopped by the user"
     FAILED = "an exception of driver, estimator or controller"
 
@@ -77,7 +77,7 @@ class DeployedTick:
         measurement: the newest measurement.
         state: the estimate that the controller received.
         command: the command written.
-        replaced: whether the controller's command was not finite, and damping of the joints took its place.
+        replaced: whether the controller's command was refused, and damping of the joints took its place.
         spent: time from the measurement's arrival until the command was written, s.
     """
 
@@ -99,11 +99,12 @@ class Deployment:
         overtaken: number of measurements read together with a newer one, processed by the estimator but without a
             command of their own.
         missing: number of measurements that never arrived, by the robot's clock.
+        misdated: number of measurements that were ignored because of their time: before the last one, or far after it.
         late: number of commands written later than one period after their measurement's arrival.
         silences: number of times that the joints were damped because no measurement arrived.
-        not_finite: number of commands that were not finite, replaced by damping of the joints.
+        refused: number of commands that were not finite or beyond all bounds, replaced by damping of the joints.
         spent: (ticks,) time from each measurement's arrival until its command was written, s.
-        failure: the exception that ended the run, in words; empty if none did.
+        failure: the exception, limit, clock or emergency stop that ended the run, in words; empty if none did.
         lowest_supply_v: lowest supply voltage; None where it was not measured.
         highest_temperature_c: highest temperature of a motor; None where it was not measured.
         error_flags: (nu,) all error flags that the drives reported; None where they report none.
@@ -113,9 +114,10 @@ class Deployment:
     ticks: int
     overtaken: int
     missing: int
+    misdated: int
     late: int
     silences: int
-    not_finite: int
+    refused: int
     spent: np.ndarray
     failure: str = ""
     lowest_supply_v: float | None = None
@@ -131,8 +133,8 @@ class Deployment:
         median = 1e3 * float(np.median(self.spent))
         return (
             f"this machine is too slow: {unanswered} of {count} measurements were answered later than a period,"
-            f" or never (median {median:.2g} ms): lower wbc.rate_hz and mpc.rate_hz, end other programs, or give the"
-            " process a real-time priority (chrt --fifo 80)"
+            f" or never (median {median:.2g} ms): lower wbc.rate_hz and mpc.rate_hz, end other programs, or set"
+            " deployment.priority"
         )
 
 
@@ -145,11 +147,13 @@ def deploy(
     duration_s: float,
     settings: DeploymentSettings | None = None,
     on_tick: Callable[[DeployedTick], None] = lambda tick: None,
+    limits: JointLimits | None = None,
+    operator: Operator | None = None,
 ) -> Deployment:
     """Run ``controller`` on a robot until ``duration_s`` of the robot's clock has passed.
 
-    The joints are damped at the end, also after Ctrl-C or an exception; to end without a fall, command the robot to lie
-    down first. Garbage collection is disabled during the run.
+    The joints are damped at the end, also after Ctrl-C or an exception. Times that estimator and controller receive are
+    counted from the first measurement. Garbage collection is disabled during the run.
 
     Args:
         driver: driver of the robot; closed at the end.
@@ -159,18 +163,26 @@ def deploy(
         duration_s: duration of the run, s.
         settings: see :class:`DeploymentSettings`.
         on_tick: called after each command has been written; it may raise KeyboardInterrupt to end the run.
+            Not called while the robot lies down at the end.
+        limits: of the joints; without them speeds, torques and gains are not limited.
+        operator: emergency stop, arming and lying down; the controller's source of commands reads ``operator.lies``.
 
     Returns:
         Figures of the run; an exception of driver, estimator, controller or ``on_tick`` is named in them and logged.
     """
     settings = DeploymentSettings() if settings is None else settings
-    loop = _Loop(driver, controller, estimator, period_s, settings, on_tick)
+    operator = Operator() if operator is None else operator
+    loop = _Loop(driver, controller, estimator, period_s, settings, on_tick, limits, operator)
     failure = ""
     try:
-        with _no_garbage_collection():
+        with real_time(settings.priority, settings.cores):
             ending = loop.run(duration_s)
     except KeyboardInterrupt:
         ending = Ending.INTERRUPTED
+    except _Stop as stop:
+        ending, failure = stop.ending, stop.reason
+        if failure:
+            _LOG.error("the run ended: %s", failure)
     except (Exception, SystemExit) as error:
         ending, failure = Ending.FAILED, f"ended early, after {loop.ticks} ticks: {cause_of(error)}"
         _LOG.error("the run %s", failure, exc_info=error)
@@ -186,6 +198,14 @@ def deploy(
     return figures
 
 
+class _Stop(Exception):
+    """The end of a run before its duration is over."""
+
+    def __init__(self, ending: Ending, reason: str = "") -> None:
+        super().__init__(reason)
+        self.ending, self.reason = ending, reason
+
+
 class _Loop:
     """The state of a run."""
 
@@ -197,41 +217,62 @@ class _Loop:
         period: float,
         settings: DeploymentSettings,
         on_tick: Callable[[DeployedTick], None],
+        limits: JointLimits | None,
+        operator: Operator,
     ) -> None:
         self._driver, self._controller, self._estimator = driver, controller, estimator
-        self._period, self._settings, self._on_tick = period, settings, on_tick
-        self._guard = CommandGuard(settings.damping_nms)
-        self._overtaken = self._missing = self._silences = 0
+        self._period, self._settings, self._on_tick, self._operator = period, settings, on_tick, operator
+        self._guard = CommandGuard(settings.damping_nms, None if limits is None else command_limits(limits.effort))
+        self._safety = Safety(settings, limits, period)
+        self._overtaken = self._missing = self._silences = self._misdated = 0
         self._volts, self._degrees = np.inf, -np.inf
         self._errors: IntArray | None = None
         self._spent: list[float] = []
-        self._last: Measurement | None = None
+        self._last: Measurement | None = None  # by the robot's clock
+        self._heard = perf_counter()
+        self._begun = math.nan  # by the robot's clock
+        self._wrong_clock = ""
 
     def run(self, duration: float) -> Ending:
-        begun: float | None = None
-        heard, silent = perf_counter(), False
+        """Answer measurements until the duration is over, and the robot has lain down, unless a _Stop ends it."""
+        silent, operator, settings = False, self._operator, self._settings
+        end, lying, by_user = duration - 1.5 * self._period, False, False
         while True:
-            readings = self._driver.read(self._settings.silence_s)
+            found = self._driver.read(settings.silence_s)
             now = perf_counter()
+            operator.poll()
+            if operator.stop:
+                raise _Stop(Ending.STOPPED, operator.stop)
+            readings = self._dated(found, now)
             if not readings:
-                if now - heard > self._settings.lost_s:
-                    _LOG.error("no measurement for %.1f s: the run ends", now - heard)
-                    return Ending.LOST
-                if begun is not None and not silent:
+                silence = now - self._heard
+                if silence > settings.lost_s:
+                    raise self._lost(silence)
+                if self._spent and not silent and silence >= settings.silence_s:
                     silent = True
                     self._silences += 1
-                    _LOG.warning("no measurement for %.0f ms: the joints are damped", 1e3 * (now - heard))
+                    _LOG.warning("no measurement for %.0f ms: the joints are damped", 1e3 * silence)
                     self.damp()
                 continue
-            heard, silent = now, False
-            begun = readings[0].time if begun is None else begun
-            self._tick(readings, now)
-            if readings[-1].time - begun > duration - 1.5 * self._period:
-                return Ending.DURATION
+            self._heard, silent = now, False
+            if not (self._spent or operator.armed):
+                continue  # nothing is sent before
+            self._begun = readings[0].time if math.isnan(self._begun) else self._begun
+            elapsed = readings[-1].time - self._begun
+            if operator.lies and not lying:
+                lying = by_user = True
+                end = elapsed + (settings.lie_down_s or _LIE_DOWN_S)
+            self._tick([_since(self._begun, each) for each in readings], now, recorded=not lying)
+            if elapsed <= end:
+                continue
+            if lying or settings.lie_down_s == 0.0:
+                return Ending.INTERRUPTED if by_user else Ending.DURATION
+            lying = operator.lies = True
+            end = elapsed + settings.lie_down_s
 
     def damp(self) -> None:
         """Write the command that damps the joints."""
-        if self._last is not None:
+        if self._spent and self._last is not None:
             joints = self._last.joints
             self._driver.write(Command.damping(np.zeros_like(joints), joints, self._settings.damping_nms))
 
@@ -241,27 +282,60 @@ class _Loop:
         return len(self._spent)
 
     def figures(self, ending: Ending, failure: str) -> Deployment:
+        """Return the figures of the run so far."""
         spent = np.array(self._spent)
         late = int((spent > self._period).sum())
-        counts = self._overtaken, self._missing, late, self._silences, self._guard.faults
+        counts = self._overtaken, self._missing, self._misdated, late, self._silences, self._guard.faults
         volts, degrees = self._volts, self._degrees
         status = volts if volts < np.inf else None, degrees if degrees > -np.inf else None, self._errors
         return Deployment(ending, spent.size, *counts, spent, failure, *status)
 
-    def _tick(self, readings: Sequence[Measurement], arrived: float) -> None:
+    def _dated(self, readings: Sequence[Measurement], now: float) -> list[Measurement]:
+        """Return the readings whose times follow the last one's, as this machine's clock confirms, and log others."""
+        valid = []
         for reading in readings:
             if self._last is not None:
-                self._missing += max(0, round((reading.time - self._last.time) / self._period) - 1)
-            self._last = reading
+                gap = reading.time - self._last.time
+                if not 0.25 * self._period <= gap <= now - self._heard + self._settings.lost_s:
+                    self._misdated += 1
+                    if not self._wrong_clock:
+                        self._wrong_clock = (
+                            f"the robot's clock {'jumped' if gap else 'stands still'}: a measurement at"
+                            f" {reading.time:.6g} s follows one at {self._last.time:.6g} s"
+                        )
+                        _LOG.warning("%s; it is ignored", self._wrong_clock)
+                    continue
+                self._missing += max(0, round(gap / self._period) - 1)
+            self._last, self._wrong_clock = reading, ""
+            valid.append(reading)
+        return valid
+
+    def _lost(self, silence: float) -> _Stop:
+        """Return the end of a run after a time without a valid measurement."""
+        _LOG.error("no measurement for %.1f s: the run ends", silence)
+        return _Stop(Ending.CLOCK, self._wrong_clock) if self._wrong_clock else _Stop(Ending.LOST)
+
+    def _tick(self, readings: Sequence[Measurement], arrived: float, *, recorded: bool) -> None:
+        """Answer the newest of some measurements."""
+        for reading in readings:
             self._watch(reading)
+            exceeded = self._safety.exceeded(reading)
+            if exceeded:
+                raise _Stop(Ending.LIMIT, f"{exceeded}, at {reading.time:.3f} s")
             state = self._estimator.update(reading)
         self._overtaken += len(readings) - 1
         output = self._controller.update(state)
         command = self._guard.check(output, state.time, reading.joints)
+        replaced = command is not output
+        command = self._safety.shaped(command, state.time)
+        if not self._operator.armed:
+            self._safety.restart()
+            command = Command.damping(np.zeros_like(command.tau), reading.joints, self._settings.damping_nms)
         self._driver.write(command)
         spent = perf_counter() - arrived
         self._spent.append(spent)
-        self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, command is not output, spent))
+        if recorded:
+            self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, replaced, spent))
 
     def _watch(self, reading: Measurement) -> None:
         """Keep extremes of supply and temperature, and log each error flag of a drive when it first appears."""
@@ -277,14 +351,6 @@ class _Loop:
             self._errors = before | flags
 
 
-@contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Collect garbage once, then disable the collector, whose pauses would delay ticks."""
-    enabled = gc.isenabled()
-    gc.collect()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
+def _since(begun: float, reading: Measurement) -> Measurement:
+    """Return the reading with its time counted from the first one's."""
+    return reading._replace(time=reading.time - begun) if begun else reading

@@ -1,27 +1,35 @@
-"""Packets between a robot and its controller: little-endian, 64-bit floats.
+"""Packets between a robot and its controller: little-endian, 64-bit floats, authenticated.
 
 =========== ========================================================================================================
 bytes       content
 =========== ========================================================================================================
-0-3         ``LGMm`` (measurement), ``LGMc`` (command) or ``LGMh`` (hello, sent by a controller to connect)
-4-5         version of this layout, 2
+0-3         ``LGMh`` (hello, sent by a controller to connect), ``LGMw`` (welcome, the robot's answer), ``LGMm``
+            (measurement), ``LGMc`` (command) or ``LGMr`` (refusal of a hello)
+4-5         version of this layout, 3
 6-7         nu, number of joints
 8-9         nc, number of feet with a measured force; 0 in other packets
-10-11       bits of the optional quantities in a measurement; 0 in other packets
+10-11       bits of the optional quantities in a measurement; in a refusal its reason (1: another controller is
+            connected, 2: another secret, 3: another number of joints); 0 in other packets
 12-15       0
-16-23       number of the measurement; in a command, of the measurement from which it was computed
+16-23       number of the measurement, or of the command; each sender counts its own. 0 in other packets
+24-         hello: the controller's nonce (16). welcome: that nonce (16), the robot's nonce (16)
 24-         measurement: time, gyro (3), accelerometer (3), joints (nu), speeds (nu), torques (nu), then those optional
             quantities whose bit is set: attitude (4; bit 0), foot forces (nc; 1), external pose (7; 2), external
             velocity (6; 3), external age (1; 4), supply voltage (1; 5), motor temperature (nu; 6), error flags (nu; 7)
-24-         command: tau (nu), q_des (nu), v_des (nu), kp (nu), kd (nu)
+24-         command: number of the measurement from which it was computed, tau (nu), q_des (nu), v_des (nu), kp (nu),
+            kd (nu)
+last 16     tag: the first 16 bytes of HMAC-SHA256 over all bytes before, keyed by the secret that both ends share in
+            hello, welcome and refusal, and by the connection's key in measurements and commands. That key is
+            HMAC-SHA256(secret, controller's nonce + robot's nonce)
 =========== ========================================================================================================
 
 Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.Command`. Version 1 had one gain for
-all joints, and no optional quantities.
+all joints, and no optional quantities; version 2 no nonces and tags.
 """
 
 from __future__ import annotations
 
+import hmac
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -31,47 +39,87 @@ import numpy as np
 from lgmpc.control.interface import Command, Measurement
 from lgmpc.typing import IntArray
 
-__all__ = ["HELLO", "VERSION", "Layout"]
+__all__ = ["ANOTHER_ROBOT", "ANOTHER_SECRET", "HELLO", "NONCE", "OCCUPIED", "VERSION", "Layout"]
 
 _HEAD = struct.Struct("<4sHHHHIQ")
-VERSION = 2
+VERSION = 3
 """Version of the packets."""
-_MEASUREMENT, _COMMAND = b"LGMm", b"LGMc"
+_MEASUREMENT, _COMMAND, _WELCOME, _REFUSAL = b"LGMm", b"LGMc", b"LGMw", b"LGMr"
 HELLO = b"LGMh"
 """First bytes of the packet by which a controller connects."""
-_MOST_FEET = 64
+NONCE = 16
+"""Length of a nonce, B."""
+OCCUPIED, ANOTHER_SECRET, ANOTHER_ROBOT = 1, 2, 3
+"""Reasons of a refusal."""
+_TAG, _MOST_FEET = 16, 64
 
 
 class Layout:
     """Packets of a robot with ``nu`` joints.
 
-    Packets of another layout, of another number of joints, or with numbers that are not finite are rejected.
+    Packets of another layout, of another number of joints, with numbers that are not finite, or with a tag of another
+    key are rejected.
 
     Args:
         nu: number of joints.
+        secret: shared by both ends.
 
     Attributes:
         longest: length of the longest packet, B.
+        key: of the connection, for measurements and commands; None before there is one.
     """
 
-    def __init__(self, nu: int) -> None:
-        self._nu = nu
-        self.longest = _HEAD.size + 8 * (26 + 5 * nu + _MOST_FEET)
+    def __init__(self, nu: int, secret: bytes) -> None:
+        self._nu, self._secret = nu, secret
+        self.longest = _HEAD.size + 8 * (26 + 5 * nu + _MOST_FEET) + _TAG
+        self.key: bytes | None = None
 
-    def hello(self) -> bytes:
+    def connect(self, controller: bytes, robot: bytes) -> bool:
+        """Use the key that follows from the nonces of both ends, and return whether it is another one."""
+        before, self.key = self.key, hmac.digest(self._secret, controller + robot, "sha256")
+        return self.key != before
+
+    def hello(self, nonce: bytes) -> bytes:
         """Return the packet by which a controller connects."""
-        return self._pack(HELLO, 0, np.empty(0))
+        return self._pack(HELLO, self._secret, nonce)
 
-    def is_hello(self, packet: bytes) -> bool:
-        """Return whether a packet is the hello of a controller of this robot."""
-        return packet == self.hello()
+    def read_hello(self, packet: bytes) -> bytes | int | None:
+        """Return a controller's nonce, or the reason for which it is refused; None if the packet is no hello."""
+        if len(packet) != _HEAD.size + NONCE + _TAG or packet[:6] != HELLO + struct.pack("<H", VERSION):
+            return None
+        if not self._authentic(packet, self._secret):
+            return ANOTHER_SECRET
+        return packet[_HEAD.size : -_TAG] if _HEAD.unpack_from(packet)[2] == self._nu else ANOTHER_ROBOT
+
+    def welcome(self, controller: bytes, robot: bytes) -> bytes:
+        """Return the answer to a hello, from the nonces of both ends."""
+        return self._pack(_WELCOME, self._secret, controller + robot)
+
+    def read_welcome(self, packet: bytes, controller: bytes) -> bytes | None:
+        """Return the robot's nonce in the answer to the hello with the nonce ``controller``; None if it is none."""
+        if len(packet) != _HEAD.size + 2 * NONCE + _TAG or packet[: _HEAD.size] != self._head(_WELCOME):
+            return None
+        first, second = packet[_HEAD.size : _HEAD.size + NONCE], packet[_HEAD.size + NONCE : -_TAG]
+        return second if first == controller and self._authentic(packet, self._secret) else None
+
+    def refusal(self, reason: int) -> bytes:
+        """Return the packet that refuses a hello."""
+        return self._pack(_REFUSAL, self._secret, b"", present=reason)
+
+    def read_refusal(self, packet: bytes) -> tuple[int, int] | None:
+        """Return the reason of a refusal and the robot's number of joints; None if the packet is none."""
+        if len(packet) != _HEAD.size + _TAG or packet[:6] != _REFUSAL + struct.pack("<H", VERSION):
+            return None
+        _, _, nu, _, reason, _, _ = _HEAD.unpack_from(packet)
+        return (reason, nu) if reason == ANOTHER_SECRET or self._authentic(packet, self._secret) else None
 
     def measurement(self, number: int, m: Measurement) -> bytes:
         """Return the packet of measurement ``number``."""
         given = [None if value is None else np.atleast_1d(value) for value in m[6:]]
         present = sum(1 << bit for bit, value in enumerate(given) if value is not None)
         values = np.concatenate([np.atleast_1d(m.time), *m[1:6], *(value for value in given if value is not None)])
-        return self._pack(_MEASUREMENT, number, values, 0 if m.foot_forces is None else m.foot_forces.size, present)
+        feet = 0 if m.foot_forces is None else m.foot_forces.size
+        return self._pack(_MEASUREMENT, self.key, values.astype("<f8").tobytes(), number, feet, present)
 
     def read_measurement(self, packet: bytes) -> tuple[int, Measurement] | None:
         """Return the number and the measurement of a packet; None if it is not a valid measurement."""
@@ -94,16 +142,19 @@ class Layout:
             given[7] = flags
         return number, Measurement(float(time[0]), *own, *given)
 
-    def command(self, number: int, c: Command) -> bytes:
-        """Return the packet of the command for measurement ``number``."""
-        return self._pack(_COMMAND, number, np.concatenate(c))
+    def command(self, number: int, answered: int, c: Command) -> bytes:
+        """Return the packet of command ``number``, computed from the measurement of number ``answered``."""
+        return self._pack(_COMMAND, self.key, np.concatenate([[answered], *c]).astype("<f8").tobytes(), number)
 
-    def read_command(self, packet: bytes) -> tuple[int, Command] | None:
-        """Return the number of the measurement and the command for it; None if it is not a valid command."""
+    def read_command(self, packet: bytes) -> tuple[int, int, Command] | None:
+        """Return the command's number, that of its measurement, and the command; None if it is not a valid one."""
         found = self._unpack(_COMMAND, packet)
-        if found is None or found[1] or found[2] or found[3].size != 5 * self._nu:
+        if found is None or found[1] or found[2] or found[3].size != 1 + 5 * self._nu:
             return None
-        return found[0], Command(*found[3].reshape(5, -1))
+        answered = found[3][0]
+        if not (answered.is_integer() and 0.0 <= answered < 2.0**53):
+            return None
+        return found[0], int(answered), Command(*found[3][1:].reshape(5, -1))
 
     @staticmethod
     def other_version(packet: bytes) -> int | None:
@@ -113,14 +164,28 @@ class Layout:
         version: int = struct.unpack_from("<H", packet, 4)[0]
         return None if version == VERSION else version
 
-    def _pack(self, kind: bytes, number: int, values: np.ndarray, nc: int = 0, present: int = 0) -> bytes:
-        return _HEAD.pack(kind, VERSION, self._nu, nc, present, 0, number) + values.astype("<f8").tobytes()
+    def _head(self, kind: bytes, number: int = 0, nc: int = 0, present: int = 0) -> bytes:
+        return _HEAD.pack(kind, VERSION, self._nu, nc, present, 0, number)
+
+    def _pack(
+        self, kind: bytes, key: bytes | None, content: bytes, number: int = 0, nc: int = 0, present: int = 0
+    ) -> bytes:
+        assert key is not None, "no connection"
+        packet = self._head(kind, number, nc, present) + content
+        return packet + hmac.digest(key, packet, "sha256")[:_TAG]
+
+    @staticmethod
+    def _authentic(packet: bytes, key: bytes) -> bool:
+        return hmac.compare_digest(hmac.digest(key, packet[:-_TAG], "sha256")[:_TAG], packet[-_TAG:])
 
     def _unpack(self, kind: bytes, packet: bytes) -> tuple[int, int, int, np.ndarray] | None:
-        if len(packet) < _HEAD.size or (len(packet) - _HEAD.size) % 8 or len(packet) > self.longest:
+        size = len(packet) - _HEAD.size - _TAG
+        if self.key is None or size < 0 or size % 8 or len(packet) > self.longest:
             return None
         first, version, nu, nc, present, _, number = _HEAD.unpack_from(packet)
         if (first, version, nu) != (kind, VERSION, self._nu) or nc > _MOST_FEET:
             return None
-        values = np.frombuffer(packet, "<f8", offset=_HEAD.size).astype(np.float64)
+        if not self._authentic(packet, self.key):
+            return None
+        values = np.frombuffer(packet, "<f8", size // 8, _HEAD.size).astype(np.float64)
         return (number, nc, present, values) if np.isfinite(values).all() else None

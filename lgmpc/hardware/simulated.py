@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from signal import Signals
 from time import perf_counter
+from typing import Protocol
 
 import numpy as np
 
@@ -22,7 +24,7 @@ from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 from lgmpc.world import Terrain
 
-__all__ = ["LockStep", "NoControllerError", "RealTime", "Served", "serve"]
+__all__ = ["LockStep", "NoControllerError", "RealTime", "RobotLink", "Served", "serve"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -37,11 +39,24 @@ _WATCHDOG_S = 0.05
 
 _WATCHDOG_DAMPING = 0.1  # N.m.s
 
+_MOST_SENT = 4096
+"""Measurements whose times are kept; commands for older ones are as good as none."""
+
 
 class NoControllerError(LgmpcError):
     """No controller is connected to the other end of the link."""
 
     exit_code = 1
+
+
+class RobotLink(Protocol):
+    """The robot's end of a link."""
+
+    def send(self, measurement: Measurement) -> None:
+        """Send the next measurement."""
+
+    def receive(self) -> tuple[int, Command] | None:
+        """Return the newest command that has arrived, if any, and how many measurements ago its own was sent."""
 
 
 class LockStep:
@@ -68,6 +83,8 @@ class LockStep:
 class RealTime:
     """Simulated time follows the clock from the first command on; a command acts from the tick after its arrival.
 
+    Before the first command the robot is held, and measures that with the time of its clock.
+
     Args:
         link: the robot's end of the link.
         period_s: period of the ticks, s.
@@ -75,31 +92,28 @@ class RealTime:
     Attributes:
         behind: ticks that began more than a period late, because the simulation or the machine was too slow; the
             robot's clock is set back by that time.
-        unanswered: ticks at which the last command was older than the drives' watchdog allows.
+        unanswered: ticks at which the measurement of the last command was older than the drives' watchdog allows.
     """
 
-    def __init__(self, link: UdpRobot, period_s: float) -> None:
+    def __init__(self, link: RobotLink, period_s: float) -> None:
         self._link, self._period = link, period_s
-        self._start = math.nan
+        self._start, self._held = math.nan, 0.0  # of the clock; before the first command
         self._command: Command | None = None
-        self._received = 0.0
+        self._sent: deque[float] = deque(maxlen=_MOST_SENT)
+        self._answered = 0.0  # when the measurement was taken from which the command was computed
         self.behind = self.unanswered = 0
 
     def answer(self, measurement: Measurement) -> Command:
         """Wait for the measurement's time, send it, and return the newest command that has arrived."""
         if self._command is None:
-            self._command = LockStep(self._link).answer(measurement)
-            self._start, self._received = perf_counter() - measurement.time, measurement.time
-            return self._command
+            return self._hold(measurement)
+        measurement = measurement._replace(time=measurement.time + self._held)
         now = self._wait(self._start + measurement.time) - self._start
         if now > measurement.time + self._period:
             self.behind += 1
             self._start += now - measurement.time
-        self._link.send(measurement)
-        newest = self._link.receive()
-        if newest is not None:
-            self._command, self._received = newest, measurement.time
-        silence = measurement.time - self._received
+        self._exchange(measurement)
+        silence = measurement.time - self._answered
         if silence > _GONE_S:
             raise NoControllerError(f"no command for {silence:.1f} s")
         if silence > _WATCHDOG_S:
@@ -107,6 +121,25 @@ class RealTime:
             joints = measurement.joints
             return Command.damping(np.zeros_like(joints), joints, _WATCHDOG_DAMPING)
         return self._command
+
+    def _hold(self, measurement: Measurement) -> Command:
+        """Send the first measurement at every period until a command arrives, and return it."""
+        self._start, first = perf_counter() - measurement.time, measurement.time
+        while self._command is None:
+            if self._held > _FIRST_S:
+                raise NoControllerError(f"no command within {_FIRST_S:g} s")
+            self._exchange(measurement._replace(time=first + self._held))
+            if self._command is None:
+                self._held += self._period
+                self._wait(self._start + first + self._held)
+        return self._command
+
+    def _exchange(self, measurement: Measurement) -> None:
+        self._link.send(measurement)
+        self._sent.append(measurement.time)
+        newest = self._link.receive()
+        if newest is not None and newest[0] < len(self._sent):
+            self._command, self._answered = newest[1], self._sent[-1 - newest[0]]
 
     @staticmethod
     def _wait(until: float) -> float:

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from lgmpc.control import Command, Measurement, RobotState
-from lgmpc.hardware import DeployedTick, DeploymentSettings, Ending, deploy
+from lgmpc.hardware import DeployedTick, DeploymentSettings, Ending, JointLimits, Operator, deploy
 
 NU, PERIOD = 2, 0.001
 QUICK = DeploymentSettings(silence_s=0.002, lost_s=0.5, damping_nms=0.3)
 
 
-def at(tick: int) -> Measurement:
+def at(tick: float) -> Measurement:
     return Measurement(tick * PERIOD, np.zeros(3), np.zeros(3), np.full(NU, 0.1), np.zeros(NU), np.zeros(NU))
 
 
 class ScriptedRobot:
     """A driver that offers measurements in given batches, and none afterwards."""
 
-    def __init__(self, *batches: Sequence[int]) -> None:
+    def __init__(self, *batches: Sequence[float]) -> None:
         self.batches, self.written, self.closed = list(batches), list[Command](), False
 
     def read(self, timeout_s: float) -> list[Measurement]:
@@ -104,7 +104,7 @@ def test_a_command_that_is_not_finite_damps_the_joints() -> None:
     robot, copying = ScriptedRobot([0], [1]), Copying()
     copying.torque = np.nan
     found = run(robot, copying, 2)
-    assert (found.ending, found.not_finite) == (Ending.DURATION, 2)
+    assert (found.ending, found.refused) == (Ending.DURATION, 2)
     assert all(map(is_damping, robot.written))
 
 
@@ -179,3 +179,137 @@ def test_a_driver_that_cannot_write_is_closed() -> None:
     robot = Broken([0])
     assert "OSError: no bus" in run(robot, Copying(), 2).failure
     assert robot.closed
+
+
+@pytest.mark.parametrize(
+    ("batches", "misdated"), [([[0], [1], [-1], [2], [3]], 1), ([[0], [1], [1], [1e9], [2], [3]], 2)]
+)
+def test_single_measurements_of_a_wrong_time_are_ignored_by_name(
+    batches: list[list[float]], misdated: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot, copying = ScriptedRobot(*batches), Copying()
+    found = run(robot, copying, 4)
+    assert (found.ending, found.ticks, found.misdated) == (Ending.DURATION, 4, misdated)
+    np.testing.assert_allclose(copying.estimated, PERIOD * np.arange(4))
+    assert "it is ignored" in caplog.text and "clock" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ([-5000.0 + k for k in range(600)], "jumped: a measurement at -5 s follows one at 0.001 s"),
+        ([1e9 + k for k in range(600)], "jumped: a measurement at 1e+06 s follows one at 0.001 s"),
+        ([1.0] * 600, "stands still: a measurement at 0.001 s"),
+    ],
+)
+def test_a_clock_that_jumps_or_stands_still_ends_the_run_by_name(times: list[float], words: str) -> None:
+    """Before, a jump ahead ended it as if its duration were over."""
+
+    class Steady(ScriptedRobot):
+        def read(self, timeout_s: float) -> list[Measurement]:
+            time.sleep(1e-3)
+            return super().read(timeout_s)
+
+    robot, copying = Steady([0], [1], *([each] for each in times)), Copying()
+    found = run(robot, copying, 3000)
+    assert found.ending is Ending.CLOCK and words in found.failure
+    assert found.ticks == 2 and is_damping(robot.written[-1])
+
+
+def test_times_are_counted_from_the_first_measurement() -> None:
+    robot, copying = ScriptedRobot([7e6], [7e6 + 1]), Copying()
+    found = run(robot, copying, 2)
+    assert found.ending is Ending.DURATION
+    np.testing.assert_allclose(copying.decided, [0.0, PERIOD], atol=1e-9)
+
+
+LIMITS = JointLimits(("hip", "knee"), np.full(NU, 2.0), np.full(NU, 10.0))
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "words"),
+    [
+        ("speeds", [0.0, -30.0], "knee turns at -30 rad/s, not at most 20 (max_speed_share 2)"),
+        ("motor_temperature", [90.0, 20.0], "hip has 90 degrees (max_temperature_c 80)"),
+        ("torques", [0.0, 1.9], "the RMS torque of knee is more than 0.5 of its limit (max_rms_torque_share)"),
+    ],
+)
+def test_limits_stop_the_robot_by_name(quantity: str, value: list[float], words: str) -> None:
+    class Beyond(ScriptedRobot):
+        def read(self, timeout_s: float) -> list[Measurement]:
+            return [m._replace(**{quantity: np.array(value)}) for m in super().read(timeout_s)]
+
+    copying, settings = Copying(), QUICK.model_copy(update={"max_rms_torque_share": 0.5, "rms_torque_s": 0.01})
+    robot = Beyond(*([k] for k in range(30)))
+    options = {"period_s": PERIOD, "duration_s": 0.03, "settings": settings, "limits": LIMITS}
+    found = deploy(robot, Part(copying.decide), Part(copying.estimate), **options)  # type: ignore[arg-type]
+    assert found.ending is Ending.LIMIT and words in found.failure
+    assert 2 <= found.ticks < 6 and is_damping(robot.written[-1])
+    single = Beyond([0])  # one reading may be a fault of the sensor
+    assert quantity == "torques" or deploy(
+        single, Part(copying.decide), Part(copying.estimate), **{**options, "duration_s": PERIOD}  # type: ignore[arg-type]
+    ).ending is Ending.DURATION  # fmt: skip
+
+
+def test_torques_are_cut_and_rise_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
+    robot, copying = ScriptedRobot(*([k] for k in range(6))), Copying()
+    copying.torque = 3.0
+    settings = QUICK.model_copy(update={"soft_start_s": 4 * PERIOD})
+    controller, estimator = Part(copying.decide), Part(copying.estimate)
+    deploy(robot, controller, estimator, period_s=PERIOD, duration_s=6 * PERIOD, settings=settings, limits=LIMITS)
+    np.testing.assert_allclose([c.tau[0] for c in robot.written], [0.0, 0.5, 1.0, 1.5, 2.0, 2.0, 0.0])
+    np.testing.assert_allclose([c.kd[0] for c in robot.written], [0.3, 0.225, 0.15, 0.075, 0.0, 0.0, 0.3])
+    robot, copying.torque = ScriptedRobot([0]), 1e300
+    deploy(robot, controller, estimator, period_s=PERIOD, duration_s=PERIOD, settings=QUICK, limits=LIMITS)
+    assert all(map(is_damping, robot.written))
+    assert "the command at 0.000 s is beyond bounds (tau[0] is 1e+300, more than 20)" in caplog.text
+
+
+class Wishes(Operator):
+    """An operator whose wishes follow from the number of ticks so far."""
+
+    def __init__(self, copying: Copying, **at_tick: int) -> None:
+        super().__init__(armed="arm" not in at_tick)
+        self.copying, self.at_tick, self.polls = copying, at_tick, 0
+
+    def poll(self) -> None:
+        self.polls += 1
+        ticks, wishes = len(self.copying.decided), self.at_tick
+        self.armed = self.armed or self.polls > wishes.get("arm", 1000)
+        self.armed = self.armed and ticks < wishes.get("disarm", 1000)
+        self.lies = self.lies or ticks >= wishes.get("lie", 1000)
+        if ticks >= wishes.get("stop", 1000):
+            self.stop = "emergency stop by key"
+
+
+def test_the_emergency_stop_has_a_name() -> None:
+    robot, copying = ScriptedRobot(*([k] for k in range(9))), Copying()
+    found = run(robot, copying, 9, operator=Wishes(copying, stop=3))
+    assert (found.ending, found.failure, found.ticks) == (Ending.STOPPED, "emergency stop by key", 3)
+    assert [is_damping(command) for command in robot.written] == [False] * 3 + [True]
+
+
+def test_nothing_is_sent_before_arming_and_disarming_damps() -> None:
+    robot, copying = ScriptedRobot(*([k] for k in range(9))), Copying()
+    found = run(robot, copying, 5, operator=Wishes(copying, arm=4, disarm=3))
+    assert (found.ending, found.ticks) == (Ending.DURATION, 5)
+    assert [is_damping(command) for command in robot.written] == [False] * 3 + [True] * 3
+    np.testing.assert_allclose(copying.decided, PERIOD * np.arange(5), atol=1e-12)  # the run begins when it is armed
+
+
+@pytest.mark.parametrize(("wishes", "ending", "recorded"), [({}, "DURATION", 4), ({"lie": 2}, "INTERRUPTED", 2)])
+def test_the_robot_lies_down_after_the_run(wishes: dict[str, int], ending: str, recorded: int) -> None:
+    robot, copying, seen = ScriptedRobot(*([k] for k in range(20))), Copying(), list[bool]()
+    operator, ticks = Wishes(copying, **wishes), list[DeployedTick]()
+
+    def decide(state: RobotState) -> Command:
+        seen.append(operator.lies)
+        return copying.decide(state)
+
+    settings = QUICK.model_copy(update={"lie_down_s": 5 * PERIOD})
+    options = {"settings": settings, "operator": operator, "on_tick": ticks.append}
+    found = deploy(
+        robot, Part(decide), Part(copying.estimate), period_s=PERIOD, duration_s=4 * PERIOD, **options  # type: ignore[arg-type]
+    )  # fmt: skip
+    assert (found.ending, len(ticks)) == (Ending[ending], recorded)
+    assert 5 <= sum(seen) <= 7 and seen == sorted(seen)

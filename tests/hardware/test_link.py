@@ -3,6 +3,8 @@
 import errno
 import json
 import math
+import random
+import select
 import signal
 import socket
 import struct
@@ -10,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,8 @@ from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
 from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
+from lgmpc.hardware.packets import Layout
+from lgmpc.hardware.secret import read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
 from lgmpc.runs import RunFolder
@@ -208,7 +213,6 @@ def test_a_packet_to_a_network_that_is_unreachable_is_lost() -> None:
     driver._socket = Unreachable(socket.AF_INET, socket.SOCK_DGRAM)
     driver._socket.setblocking(False)
     driver._socket.connect((LOCALHOST, 9))
-    driver.write(torque(0.0))
     assert driver.read(0.0) == []
     driver.close()
     with pytest.raises(OSError, match="Bad file descriptor"):
@@ -222,19 +226,29 @@ def test_a_port_that_is_taken_is_refused() -> None:
     first.close()
 
 
-def test_old_foreign_and_broken_packets_are_no_measurements() -> None:
+@pytest.fixture
+def linked() -> Iterator[tuple[UdpRobot, UdpDriver]]:
+    """Both ends of a link, connected: one measurement was sent and has arrived."""
     robot = UdpRobot(NU)
     driver = UdpDriver(robot.address, NU)
     assert driver.read(0.0) == []
     assert robot.wait_for_controller(5.0)
-    for moment in (0.0, 0.1):
-        robot.send(at(moment))
-    assert [m.time for m in _all(driver, 2)] == [0.0, 0.1]
+    robot.send(at(0.0))
+    assert [m.time for m in _all(driver, 1)] == [0.0]
+    yield robot, driver
+    robot.close()
+    driver.close()
+
+
+def test_old_foreign_and_broken_packets_are_no_measurements(linked: tuple[UdpRobot, UdpDriver]) -> None:
+    robot, driver = linked
+    robot.send(at(0.1))
+    assert [m.time for m in _all(driver, 1)] == [0.1]
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     stranger.sendto(b"anything", driver._socket.getsockname())
     robot._number = -1  # a packet that was overtaken on its way has an old number
     robot.send(at(7.0))
-    robot._socket.send(b"no measurement")
+    robot._post(b"no measurement", robot._peer)
     robot._number = 1
     robot.send(at(0.2))
     assert [m.time for m in _all(driver, 1)] == [0.2]
@@ -243,8 +257,260 @@ def test_old_foreign_and_broken_packets_are_no_measurements() -> None:
     robot.send(at(0.2))
     robot.send(at(0.3))
     assert [m.time for m in _all(driver, 1)] == [0.3]
-    for end in (robot, driver, stranger):
+    stranger.close()
+
+
+def _received(robot: UdpRobot) -> float | None:
+    """Return the torque of the newest command that has arrived within a moment."""
+    select.select([robot._socket], [], [], 1.0)
+    found = robot.receive()
+    return None if found is None else float(found[1].tau[0])
+
+
+def test_who_does_not_know_the_secret_moves_no_motor(caplog: pytest.LogCaptureFixture) -> None:
+    """Before, whoever said hello first took over the motors."""
+    robot = UdpRobot(NU)
+    foreign = UdpDriver(robot.address, NU, b"a secret of another user")
+    foreign.read(0.0)
+    assert not robot.wait_for_controller(0.05)
+    assert [each.message for each in caplog.records] == ["a controller is refused: it has another secret"]
+    with pytest.raises(InputError, match=r"secret: got another one than the robot's.*--secret"):
+        foreign.read(1.0)
+    # What was recorded of an earlier connection connects, but moves nothing: the robot's nonce is another one.
+    earlier = UdpRobot(NU)
+    driver = UdpDriver(earlier.address, NU)
+    driver.read(0.0)
+    assert earlier.wait_for_controller(5.0)
+    earlier.send(at(0.0))
+    assert _all(driver, 1)
+    recorded = [driver._layout.hello(driver._nonce), *(driver._layout.command(k, k, torque(1.0)) for k in range(3))]
+    for packet in recorded:
+        foreign._socket.send(packet)
+    assert robot.wait_for_controller(5.0)
+    for k in range(3):
+        robot.send(at(k))
+    assert _received(robot) is None and robot.forged == 3
+    # It does not keep the robot from the user's own controller either.
+    own = UdpDriver(robot.address, NU)
+    own.read(0.0)
+    assert _received(robot) is None
+    robot.send(at(4.0))
+    assert _all(own, 1)
+    own.write(torque(2.0))
+    assert _received(robot) == 2.0
+    for end in (robot, foreign, earlier, driver, own):
         end.close()
+
+
+def test_replayed_and_forged_commands_are_none(linked: tuple[UdpRobot, UdpDriver]) -> None:
+    """Before, an old command, or one numbered 2^64 - 1, kept the watchdog quiet."""
+    robot, driver = linked
+    first = driver._layout.command(0, 0, torque(1.0))
+    driver._socket.send(first)
+    assert _received(robot) == 1.0
+    driver._socket.send(first)
+    driver._socket.send(first[:16] + struct.pack("<Q", 2**64 - 1) + first[24:])
+    driver._socket.send(driver._layout.command(1, 5, torque(1.0)))  # for a measurement that was never sent
+    assert _received(robot) is None
+    port = driver._socket.getsockname()[1]
+    driver.close()
+    thief = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    thief.bind((LOCALHOST, port))  # of a controller that has ended
+    for key in (b"", b"guessed"):
+        layout = Layout(NU, key)
+        layout.connect(b"c" * 16, b"r" * 16)
+        thief.sendto(layout.command(9, 0, torque(1.0)), robot.address)
+    assert _received(robot) is None
+    assert robot.forged == 5
+    thief.close()
+
+
+def test_a_second_controller_is_refused_and_one_that_restarts_is_not(
+    linked: tuple[UdpRobot, UdpDriver], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, driver = linked
+    driver.write(torque(1.0))
+    assert _received(robot) == 1.0
+    second = UdpDriver(robot.address, NU)
+    second.read(0.0)
+    assert _received(robot) is None
+    with pytest.raises(InputError, match="robot: got a robot to which a controller is connected"):
+        second.read(1.0)
+    assert "a controller is refused: another one is connected" in caplog.text
+    driver.write(torque(2.0))
+    assert _received(robot) == 2.0
+    monkeypatch.setattr("lgmpc.hardware.udp._FREE_S", 0.0)  # as a second later
+    third = UdpDriver(robot.address, NU)
+    third.read(0.0)
+    assert _received(robot) is None
+    robot.send(at(3.0))
+    assert [m.time for m in _all(third, 1)] == [0.0, 3.0][-1:] or third._number == robot._number
+    third.write(torque(3.0))
+    assert _received(robot) == 3.0
+    for end in (second, third):
+        end.close()
+
+
+def test_a_robot_with_other_joints_is_named() -> None:
+    robot, driver = UdpRobot(NU + 1), None
+    driver = UdpDriver(robot.address, NU)
+    driver.read(0.0)
+    assert not robot.wait_for_controller(0.05)
+    with pytest.raises(InputError, match="robot: got a robot with 3 joints; expected the config's, with 2"):
+        driver.read(1.0)
+    robot.close()
+    driver.close()
+
+
+def test_a_robot_that_restarts_is_connected_anew(caplog: pytest.LogCaptureFixture) -> None:
+    first = UdpRobot(NU)
+    driver = UdpDriver(first.address, NU)
+    driver.read(0.0)
+    assert first.wait_for_controller(5.0)
+    for k in range(5):
+        first.send(at(k))
+    assert len(_all(driver, 5)) == 5
+    port = first.address[1]
+    first.close()
+    again = UdpRobot(NU, port=port)
+    found = threading.Event()
+    thread = threading.Thread(target=lambda: again.wait_for_controller(5.0) and (again.send(at(0.5)) or found.set()))
+    thread.start()
+    assert [m.time for m in _all(driver, 1)] == [0.5]
+    thread.join()
+    assert found.is_set() and "the robot is connected anew" in caplog.text
+    driver.write(torque(1.0))
+    assert _received(again) == 1.0
+    again.close()
+    driver.close()
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1"])
+def test_addresses_of_a_network_have_a_warning(host: str, caplog: pytest.LogCaptureFixture) -> None:
+    end = UdpRobot(NU, host) if host == "0.0.0.0" else UdpDriver((host, 9), NU)
+    end.close()
+    assert "the link uses a network" in caplog.text
+    caplog.clear()
+    UdpRobot(NU).close()
+    assert not caplog.records
+
+
+def test_the_secret_is_a_file_that_others_cannot_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    secret = read_secret()
+    own = tmp_path / "lgmpc" / "link.secret"
+    assert own.stat().st_mode & 0o777 == 0o600 and own.read_bytes().strip() == secret == read_secret()
+    assert list(own.parent.iterdir()) == [own]
+    own.chmod(0o640)
+    with pytest.raises(InputError, match=r"secret: got .*of mode 640.*chmod 600"):
+        read_secret()
+    short = tmp_path / "short"
+    short.write_text("short")
+    short.chmod(0o600)
+    with pytest.raises(InputError, match="5 bytes"):
+        read_secret(short)
+    with pytest.raises(InputError, match="No such file"):
+        read_secret(tmp_path / "none")
+
+
+class Lossy:
+    """A network between a driver and a robot that loses, doubles and reorders packets, both ways."""
+
+    def __init__(self, robot: tuple[str, int], share: float, lost_first: int = 0) -> None:
+        self._rng, self._share, self._lost_first = random.Random(3), share, lost_first
+        self._front, self._back = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        self._front.bind((LOCALHOST, 0))
+        self._back.connect(robot)
+        self.address = self._front.getsockname()
+        self._client: Any = None
+        self._kept: list[tuple[Any, bytes]] = []
+        self._open = True
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._open = False
+        self._thread.join()
+        self._front.close()
+        self._back.close()
+
+    def _run(self) -> None:
+        while self._open:
+            for end in select.select([self._front, self._back], [], [], 0.02)[0]:
+                if end is self._front:
+                    packet, self._client = self._front.recvfrom(4096)
+                    self._pass(self._back.send, packet)
+                else:
+                    packet = self._back.recv(4096)
+                    if packet[:4] == b"LGMm" and self._lost_first > 0:
+                        self._lost_first -= 1
+                        continue
+                    self._pass(lambda data: self._front.sendto(data, self._client), packet)
+
+    def _pass(self, send: Any, packet: bytes) -> None:
+        kept, self._kept = self._kept, []
+        chance = self._rng.random()
+        if chance < self._share:
+            return
+        if chance < 2.0 * self._share:
+            send(packet)
+        if chance > 1.0 - self._share:
+            self._kept = [(send, packet)]
+        else:
+            send(packet)
+        for other, late in kept:
+            other(late)
+
+
+@pytest.mark.parametrize(("share", "lost_first"), [(0.0, 3), (0.05, 0)])
+def test_in_lock_step_lost_doubled_and_reordered_packets_change_nothing(share: float, lost_first: int) -> None:
+    """Before, the first measurement lost left both ends waiting for a minute."""
+    robot = UdpRobot(NU)
+    network = Lossy(robot.address, share, lost_first)
+    driver = UdpDriver(network.address, NU)
+    over = threading.Event()
+
+    def controller() -> None:
+        while not over.is_set():
+            for m in driver.read(0.05):
+                driver.write(torque(m.time))
+
+    thread = threading.Thread(target=controller)
+    thread.start()
+    try:
+        assert robot.wait_for_controller(5.0)
+        pace = LockStep(robot, timeout_s=5.0)
+        assert [pace.answer(at(float(k))).tau[0] for k in range(200)] == list(range(200))
+    finally:
+        over.set()
+        thread.join()
+        network.close()
+        robot.close()
+        driver.close()
+
+
+def test_a_gain_beyond_all_bounds_is_refused_by_name(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Before, one of 1e300 ended the simulated robot without figures."""
+    config = load_config("solo12_balance_inekf", ["duration_s=0.02", "pushes=[]"])
+    ready, ends, served = threading.Event(), list[UdpRobot](), list[Served]()
+
+    def link(nu: int) -> UdpRobot:
+        ends.append(UdpRobot(nu))
+        ready.set()
+        return ends[0]
+
+    robot = threading.Thread(target=lambda: served.append(serve_config(config, link, lock_step=True)))
+    robot.start()
+    assert ready.wait(60.0)
+    driver = UdpDriver(ends[0].address, 12)
+    while robot.is_alive():
+        for m in driver.read(0.05):
+            gain = 1e300 if m.time == 0.005 else 3.0
+            driver.write(Command(np.zeros(12), m.joints, np.zeros(12), np.full(12, gain), np.full(12, 0.1)))
+    robot.join()
+    driver.close()
+    assert len(served[0].time) == 20 and np.isfinite(served[0].q).all()
+    assert "the command at 0.005 s is beyond bounds (kp[0] is 1e+300, more than" in caplog.text
 
 
 def test_programs_with_packets_of_another_version_are_refused_by_name(caplog: pytest.LogCaptureFixture) -> None:
@@ -253,11 +519,11 @@ def test_programs_with_packets_of_another_version_are_refused_by_name(caplog: py
     for _ in range(2):
         old.sendto(b"LGMh" + struct.pack("<HHQ", 1, NU, 0), robot.address)
     assert not robot.wait_for_controller(0.1)
-    assert [each.message for each in caplog.records] == ["a controller is refused: its packets are of version 1, not 2"]
+    assert [each.message for each in caplog.records] == ["a controller is refused: its packets are of version 1, not 3"]
     driver = UdpDriver(old.getsockname(), NU)
     driver.read(0.0)
     old.sendto(b"LGMm" + struct.pack("<HHQ", 1, NU, 0) + bytes(8 * (7 + 3 * NU)), driver._socket.getsockname())
-    with pytest.raises(InputError, match="robot: got packets of version 1; expected packets of version 2"):
+    with pytest.raises(InputError, match="robot: got packets of version 1; expected packets of version 3"):
         driver.read(1.0)
     for end in (robot, driver, old):
         end.close()
@@ -280,7 +546,7 @@ def test_the_newest_command_acts_and_an_old_one_gives_way_to_the_watchdog() -> N
     pace = RealTime(robot, period_s=0.001)
 
     def controller() -> None:
-        assert _all(driver, 1)
+        assert len(_all(driver, 5)) >= 5  # it is held, and its clock runs
         driver.write(torque(1.0))
 
     thread = threading.Thread(target=controller)

@@ -1,5 +1,7 @@
 """Packets of the link between robot and controller."""
 
+import hashlib
+import hmac
 import struct
 
 import numpy as np
@@ -8,9 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lgmpc.control import Command, Measurement
-from lgmpc.hardware.packets import Layout
+from lgmpc.hardware.packets import ANOTHER_ROBOT, ANOTHER_SECRET, Layout
 
 NU = 3
+SECRET, NONCES = b"sixteen bytes or more", (b"c" * 16, b"r" * 16)
+KEY = hmac.new(SECRET, b"".join(NONCES), hashlib.sha256).digest()
+
+
+def connected(nu: int = NU) -> Layout:
+    layout = Layout(nu, SECRET)
+    layout.connect(*NONCES)
+    return layout
+
+
+def signed(packet: bytes, key: bytes = KEY) -> bytes:
+    return packet + hmac.new(key, packet, hashlib.sha256).digest()[:16]
 
 
 def reading(rng: np.random.Generator, **optional: object) -> Measurement:
@@ -32,7 +46,7 @@ OPTIONAL = {
 
 @pytest.mark.parametrize("names", [(), *((name,) for name in OPTIONAL), ("attitude", "external_age"), tuple(OPTIONAL)])
 def test_a_measurement_arrives_as_it_was_sent(names: tuple[str, ...]) -> None:
-    layout = Layout(NU)
+    layout = connected()
     m = reading(np.random.default_rng(1), **{name: OPTIONAL[name] for name in names})
     packet = layout.measurement(7, m)
     found = layout.read_measurement(packet)
@@ -44,45 +58,65 @@ def test_a_measurement_arrives_as_it_was_sent(names: tuple[str, ...]) -> None:
 
 
 def test_a_command_arrives_as_it_was_sent() -> None:
-    layout, rng = Layout(NU), np.random.default_rng(2)
+    layout, rng = connected(), np.random.default_rng(2)
     command = Command(*rng.normal(size=(5, NU)))
-    found = layout.read_command(layout.command(2**40, command))
-    assert found is not None and found[0] == 2**40
+    found = layout.read_command(layout.command(2**40, 2**50, command))
+    assert found is not None and found[:2] == (2**40, 2**50)
     for name, value in command._asdict().items():
-        np.testing.assert_array_equal(getattr(found[1], name), value)
+        np.testing.assert_array_equal(getattr(found[2], name), value)
 
 
 def test_the_layout_is_the_documented_one() -> None:
     """Written by hand from the module's table, as the driver of a robot would be."""
-    values = np.arange(7 + 3 * NU, dtype="<f8")
-    packet = b"LGMm" + struct.pack("<HHHHIQ", 2, NU, 0, 0, 0, 5) + values.tobytes()
-    found = Layout(NU).read_measurement(packet)
+    layout, values = connected(), np.arange(7 + 3 * NU, dtype="<f8")
+    packet = b"LGMm" + struct.pack("<HHHHIQ", 3, NU, 0, 0, 0, 5) + values.tobytes()
+    found = layout.read_measurement(signed(packet))
     assert found is not None
     number, m = found
     assert (number, m.time) == (5, 0.0)
     np.testing.assert_array_equal(np.concatenate([m.gyro, m.accelerometer, m.joints, m.speeds, m.torques]), values[1:])
-    extended = b"LGMm" + struct.pack("<HHHHIQ", 2, NU, 2, 0b100010, 0, 6) + values.tobytes()
-    found = Layout(NU).read_measurement(extended + struct.pack("<3d", 7.0, 8.0, 24.0))
+    extended = b"LGMm" + struct.pack("<HHHHIQ", 3, NU, 2, 0b100010, 0, 6) + values.tobytes()
+    found = layout.read_measurement(signed(extended + struct.pack("<3d", 7.0, 8.0, 24.0)))
     assert found is not None and found[0] == 6 and found[1].supply_voltage == 24.0 and found[1].attitude is None
     np.testing.assert_array_equal(found[1].foot_forces, [7.0, 8.0])
-    answer = Layout(NU).command(5, Command(*np.arange(5 * NU, dtype=float).reshape(5, NU)))
-    assert answer == b"LGMc" + struct.pack("<HHHHIQ15d", 2, NU, 0, 0, 0, 5, *range(15))
+    answer = layout.command(9, 5, Command(*np.arange(5 * NU, dtype=float).reshape(5, NU)))
+    assert answer == signed(b"LGMc" + struct.pack("<HHHHIQ16d", 3, NU, 0, 0, 0, 9, 5, *range(15)))
+    empty = struct.pack("<HHHHIQ", 3, NU, 0, 0, 0, 0)
+    assert layout.hello(NONCES[0]) == signed(b"LGMh" + empty + NONCES[0], SECRET)
+    assert layout.welcome(*NONCES) == signed(b"LGMw" + empty + b"".join(NONCES), SECRET)
 
 
-@pytest.mark.parametrize("broken", ["kind", "version", "joints", "short", "long", "nan", "bits", "feet", "unknown bit"])
+def test_who_is_greeted() -> None:
+    layout = connected()
+    assert layout.read_hello(layout.hello(NONCES[0])) == NONCES[0]
+    assert layout.read_hello(Layout(NU, b"another secret").hello(NONCES[0])) == ANOTHER_SECRET
+    assert layout.read_hello(Layout(NU + 1, SECRET).hello(NONCES[0])) == ANOTHER_ROBOT
+    assert layout.read_welcome(layout.welcome(*NONCES), NONCES[0]) == NONCES[1]
+    assert layout.read_welcome(layout.welcome(*NONCES), NONCES[1]) is None  # the answer to another hello
+    assert layout.read_refusal(Layout(NU + 1, SECRET).refusal(ANOTHER_ROBOT)) == (ANOTHER_ROBOT, NU + 1)
+    assert layout.read_refusal(Layout(NU, b"another secret").refusal(ANOTHER_SECRET)) == (ANOTHER_SECRET, NU)
+    assert layout.read_refusal(Layout(NU, b"another secret").refusal(ANOTHER_ROBOT)) is None
+
+
+@pytest.mark.parametrize(
+    "broken", ["kind", "version", "joints", "short", "long", "nan", "bits", "feet", "unknown bit", "key", "forged"]
+)
 def test_what_is_no_packet_of_this_robot_is_none(broken: str) -> None:
-    layout, m = Layout(NU), reading(np.random.default_rng(3))
+    layout, m = connected(), reading(np.random.default_rng(3))
     good = layout.measurement(1, m)
+    plain = good[:-16]
     changed = {
-        "kind": b"LGMx" + good[4:],
-        "version": good[:4] + b"\x01" + good[5:],
-        "joints": Layout(NU + 1).measurement(1, Measurement(0.0, *np.zeros((2, 3)), *np.zeros((3, NU + 1)))),
-        "short": good[:-1],
-        "long": good + b"\0",
-        "bits": good[:10] + b"\x20" + good[11:],
-        "unknown bit": good[:11] + b"\x01" + good[12:],
-        "feet": good[:8] + b"\xff\xff" + good[10:],
-        "nan": good[:-8] + struct.pack("<d", float("nan")),
+        "kind": signed(b"LGMx" + plain[4:]),
+        "version": signed(plain[:4] + b"\x01" + plain[5:]),
+        "joints": connected(NU + 1).measurement(1, Measurement(0.0, *np.zeros((2, 3)), *np.zeros((3, NU + 1)))),
+        "short": signed(plain[:-1]),
+        "long": signed(plain + b"\0"),
+        "bits": signed(plain[:10] + b"\x20" + plain[11:]),
+        "unknown bit": signed(plain[:11] + b"\x01" + plain[12:]),
+        "feet": signed(plain[:8] + b"\xff\xff" + plain[10:]),
+        "nan": signed(plain[:-8] + struct.pack("<d", float("nan"))),
+        "key": signed(plain, SECRET),
+        "forged": good[:60] + bytes([good[60] ^ 1]) + good[61:],
     }
     assert layout.read_measurement(good) is not None
     assert layout.read_measurement(changed[broken]) is None
@@ -90,14 +124,18 @@ def test_what_is_no_packet_of_this_robot_is_none(broken: str) -> None:
 
 
 def test_packets_of_another_version_are_recognised() -> None:
-    layout = Layout(NU)
+    layout = connected()
     old = b"LGMh" + struct.pack("<HHQ", 1, NU, 0)
-    assert Layout.other_version(old) == 1 and not layout.is_hello(old)
-    assert Layout.other_version(layout.hello()) is None and Layout.other_version(b"LGM") is None
+    assert Layout.other_version(old) == 1 and layout.read_hello(old) is None
+    assert Layout.other_version(layout.hello(NONCES[0])) is None and Layout.other_version(b"LGM") is None
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_without_an_exception(packet: bytes) -> None:
-    layout = Layout(NU)
-    for found in (layout.read_measurement(packet), layout.read_command(packet)):
-        assert found is None or np.isfinite(found[0])
+    layout = connected()
+    for each in (packet, signed(packet), signed(packet, SECRET)):
+        for found in (layout.read_measurement(each), layout.read_command(each)):
+            assert found is None or np.isfinite(found[0])
+        assert layout.read_welcome(each, NONCES[0]) is None
+        assert layout.read_hello(each) in (None, ANOTHER_SECRET) or len(each) > 56
+        assert layout.read_refusal(each) is None or len(each) == 40

@@ -1,0 +1,201 @@
+"""What protects a robot beside its controller: limits, a slow start, and the person who watches it."""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from lgmpc.control.interface import Command, Measurement
+from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.typing import Array
+
+__all__ = ["DeploymentSettings", "JointLimits", "Keys", "Operator", "Safety"]
+
+_SERIES = 3
+"""Consecutive measurements beyond a limit that stop a robot: one may be a fault of a sensor."""
+
+
+class DeploymentSettings(Settings):
+    """Limits of the loop that runs a controller on a robot in real time, and the loop's rights on this machine."""
+
+    silence_s: Positive = Field(
+        default=0.02, description="Time without a measurement after which the joints are damped, s."
+    )
+    lost_s: Positive = Field(default=1.0, description="Time without a measurement after which the run ends, s.")
+    damping_nms: Positive = Field(
+        default=0.1, description="Damping of each joint, N.m.s, while there is no valid command, and after the run."
+    )
+    soft_start_s: NonNegative = Field(
+        default=0.0, description="Time in which torques and gains rise from those of damped joints at the start, s."
+    )
+    lie_down_s: NonNegative = Field(
+        default=0.0,
+        description="Time for lying down after the duration, or at the user's request, before the joints are damped, s."
+        " Not part of the run that is judged.",
+    )
+    max_torque_share: Positive = Field(
+        default=1.0, description="Feed-forward torque over the joint's limit; a greater one is cut."
+    )
+    max_speed_share: Positive | None = Field(
+        default=2.0, description="Speed of a joint over the robot's limit that stops the robot; null: any speed."
+    )
+    max_temperature_c: Positive = Field(
+        default=80.0, description="Temperature of a motor that stops the robot, where it is measured, degrees Celsius."
+    )
+    max_rms_torque_share: Positive | None = Field(
+        default=None,
+        description="RMS of a joint's torque over its limit that stops the robot, averaged over rms_torque_s; null: any"
+        " torque for any time.",
+    )
+    rms_torque_s: Positive = Field(default=10.0, description="Time constant of that average, s.")
+    priority: Annotated[int, Field(strict=True, ge=0, le=99)] = Field(
+        default=0,
+        description="Real-time priority (SCHED_FIFO) of the loop, whose memory is locked then; 0: that of any program.",
+    )
+    cores: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
+        default=(), description="Processor cores that the loop may use; none named: all."
+    )
+
+
+class JointLimits(NamedTuple):
+    """Limits of a robot's joints.
+
+    Attributes:
+        names: (nu,) of the joints.
+        effort: (nu,) N.m.
+        speed: (nu,) rad/s.
+    """
+
+    names: Sequence[str]
+    effort: Array
+    speed: Array
+
+
+class Safety:
+    """Limits of measurements and commands.
+
+    Args:
+        settings: see :class:`DeploymentSettings`.
+        limits: of the robot's joints; None if they are unknown: temperatures alone are limited then.
+        period: of the measurements, s.
+    """
+
+    def __init__(self, settings: DeploymentSettings, limits: JointLimits | None, period: float) -> None:
+        self._settings, self._limits = settings, limits
+        self._fast, self._hot = 0, 0
+        self._start = math.nan
+        self._forget = period / settings.rms_torque_s
+        self._square: Array | float = 0.0
+
+    def restart(self) -> None:
+        """Let torques and gains rise again from the next command on."""
+        self._start = math.nan
+
+    def exceeded(self, reading: Measurement) -> str:
+        """Return which limit of the section ``deployment`` a measurement exceeds, in words; empty if none."""
+        settings, limits = self._settings, self._limits
+        hot = reading.motor_temperature
+        self._hot = self._hot + 1 if hot is not None and hot.max() > settings.max_temperature_c else 0
+        if self._hot >= _SERIES and hot is not None:
+            joint = int(hot.argmax())
+            return (
+                f"{self._name(joint)} has {hot[joint]:.3g} degrees (max_temperature_c {settings.max_temperature_c:g})"
+            )
+        if limits is None:
+            return ""
+        if settings.max_speed_share is not None:
+            most = settings.max_speed_share
+            shares = np.abs(reading.speeds) / limits.speed
+            self._fast = self._fast + 1 if shares.max() > most else 0
+            if self._fast >= _SERIES:
+                joint = int(shares.argmax())
+                what = f"{reading.speeds[joint]:.3g} rad/s, not at most {most * limits.speed[joint]:.3g}"
+                return f"{self._name(joint)} turns at {what} (max_speed_share {most:g})"
+        if settings.max_rms_torque_share is not None:
+            most = settings.max_rms_torque_share
+            self._square += self._forget * (np.square(reading.torques / limits.effort) - self._square)
+            if (self._square > most**2).any():
+                joint = int(np.argmax(self._square))
+                return (
+                    f"the RMS torque of {self._name(joint)} is more than {most:g} of its limit (max_rms_torque_share)"
+                )
+        return ""
+
+    def shaped(self, command: Command, time: float) -> Command:
+        """Return the command of ``time`` (s) with its torques cut, and a share of it during the soft start."""
+        settings, limits = self._settings, self._limits
+        if limits is not None:
+            most = settings.max_torque_share * limits.effort
+            if (np.abs(command.tau) > most).any():
+                command = command._replace(tau=np.clip(command.tau, -most, most))
+        if settings.soft_start_s > 0.0:
+            self._start = time if math.isnan(self._start) else self._start
+            share = (time - self._start) / settings.soft_start_s
+            if share < 1.0:
+                kd = share * command.kd + (1.0 - share) * settings.damping_nms
+                command = command._replace(tau=share * command.tau, kp=share * command.kp, kd=kd)
+        return command
+
+    def _name(self, joint: int) -> str:
+        return f"joint {joint}" if self._limits is None else str(self._limits.names[joint])
+
+
+class Operator:
+    """What the person who watches a robot wants; this one wants it to run.
+
+    Attributes:
+        armed: whether commands may be sent. Before the first time nothing is sent; later the joints are damped.
+        lies: whether the robot shall lie down, and the run end then.
+        stop: reason of an emergency stop; empty if there is none.
+    """
+
+    def __init__(self, armed: bool = True) -> None:
+        self.armed, self.lies, self.stop = armed, False, ""
+
+    def poll(self) -> None:
+        """Read what the person has asked for since the last call, without waiting."""
+
+
+class Keys(Operator):
+    """The keys of a terminal: space stops, ``l`` lies down and ends, ``a`` arms, ``d`` disarms."""
+
+    def __init__(self, armed: bool = True) -> None:
+        super().__init__(armed)
+        self._input = sys.stdin.fileno()
+
+    def poll(self) -> None:
+        """Read the keys that were pressed since the last call."""
+        if not select.select([self._input], [], [], 0.0)[0]:
+            return
+        for key in os.read(self._input, 64).decode(errors="ignore").lower():
+            if key == " ":
+                self.stop = "emergency stop by key"
+            elif key in "ad":
+                self.armed = key == "a"
+            elif key == "l":
+                self.lies = True
+
+    @classmethod
+    @contextmanager
+    def of_terminal(cls, armed: bool) -> Iterator[Operator]:
+        """Read single keys from the terminal, without echo; without a terminal there are no keys."""
+        if not sys.stdin.isatty():
+            yield Operator(armed)
+            return
+        import termios
+        import tty
+
+        before = termios.tcgetattr(sys.stdin)
+        tty.setcbreak(sys.stdin)
+        try:
+            yield cls(armed)
+        finally:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ from lgmpc.hardware.safety import JointLimits, Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served, serve
 from lgmpc.hardware.udp import UdpRobot
 from lgmpc.locomotion.command import CommandSource, MotionCommand
-from lgmpc.runs import Outcome, Recorder, Verdict, atomic_write
+from lgmpc.runs import Gate, Metrics, Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, Spent, TimingSettings
@@ -40,7 +40,7 @@ from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Tick
 from lgmpc.simulation.plant import PlantSample, make_plant
 from lgmpc.world import make_world
 
-__all__ = ["deploy_config", "serve_config"]
+__all__ = ["UNMEASURED", "deploy_config", "not_measured", "serve_config"]
 
 
 def deploy_config(
@@ -56,7 +56,9 @@ def deploy_config(
     """Run the controllers of ``config`` on a robot, in real time, and save the run.
 
     The run folder is that of :func:`lgmpc.config.execution.run_config`, with the estimated state in place of the true
-    one, and contact forces estimated from the torques; it has no certificate, and ``deployment.json`` besides.
+    one, and contact forces estimated from the torques; it has no certificate, and ``deployment.json`` besides. The gate
+    judges what a robot measures: :data:`UNMEASURED` says what it does not. Torques are judged as requested of the
+    drives, without the noise of measured ones.
 
     Args:
         config: the closed loop; of its plant, only the rates are used.
@@ -87,7 +89,8 @@ def deploy_config(
     deployment = sessions[0].deployment
     assert deployment is not None
     with atomic_write(finished.folder.path / DEPLOYMENT_FILE) as file:
-        file.write((json.dumps(_figures(deployment), indent=2, allow_nan=False) + "\n").encode())
+        figures = _figures(deployment) | {"not_measured": not_measured(config.gate)}
+        file.write((json.dumps(figures, indent=2, allow_nan=False) + "\n").encode())
     return finished, deployment
 
 
@@ -205,12 +208,44 @@ class _DeploymentSession:
         failure = self.deployment.failure or (ending.value if early else "")
         interrupted = ending is Ending.INTERRUPTED
         log = self.recorder.log()
+        gate = self.config.gate
         metrics, verdict = judged(
-            log, self.config.gate, self.controller.robot, interrupted=interrupted, failure=failure
+            replace(log, tau=np.clip(log.tau_command, -log.effort_limit_over_time, log.effort_limit_over_time)),
+            gate.model_copy(update=dict.fromkeys(not_measured(gate))),
+            robot,
+            interrupted=interrupted,
+            failure=failure,
         )
+        if metrics is not None:
+            metrics = _without_unmeasured(metrics)
+        if self.dry_run:
+            verdict = Verdict(Outcome.INTERRUPTED, ("dry run: nothing was sent", *verdict.reasons))
         if self.deployment.too_slow and verdict.outcome is Outcome.FAIL:
             verdict = Verdict(Outcome.FAIL, (*verdict.reasons, self.deployment.too_slow))
         return SessionResult(log.decimated(self.config.log_every), metrics, verdict, interrupted)
+
+
+UNMEASURED = (
+    "max_slip_m",
+    "max_scuff_m",
+    "min_friction_margin_n",
+    "max_peak_impact_n",
+    "max_odometry_drift_percent",
+    "min_real_time_factor",
+)
+"""Limits of a gate on quantities that need the true contacts, forces or positions, or a simulation."""
+
+
+def not_measured(gate: Gate) -> tuple[str, ...]:
+    """Return the limits of a gate that a run on a robot cannot be judged by: it measures no contacts."""
+    return tuple(name for name in UNMEASURED if name in gate.limits)
+
+
+def _without_unmeasured(metrics: Metrics) -> Metrics:
+    walking = metrics.walking
+    if walking is not None:
+        walking = replace(walking, max_scuff_m=math.nan, peak_impact_n=None)
+    return replace(metrics, max_slip_m=math.nan, min_friction_margin_n=None, walking=walking)
 
 
 class _Listening:

@@ -313,7 +313,10 @@ class _Loop:
     def _lost(self, silence: float) -> _Stop:
         """Return the end of a run after a time without a valid measurement."""
         _LOG.error("no measurement for %.1f s: the run ends", silence)
-        return _Stop(Ending.CLOCK, self._wrong_clock) if self._wrong_clock else _Stop(Ending.LOST)
+        if self._wrong_clock:
+            return _Stop(Ending.CLOCK, self._wrong_clock)
+        never = "no measurement arrived: is the robot on, and is this its address?"
+        return _Stop(Ending.LOST, never if self._last is None else "")
 
     def _tick(self, readings: Sequence[Measurement], arrived: float, *, recorded: bool) -> None:
         """Answer the newest of some measurements."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -41,10 +42,11 @@ def limits_table(
     for key, value, limit in limited:
         name, unit, scale = figure_words(figure_of(key), value, limit)
         highest = key.startswith("max_")
-        kept = value is not None and (value <= limit if highest else value >= limit)
-        shown = "-" if value is None else figure_number(scale * value, unit, scale * limit)
+        value = math.nan if value is None else value
+        kept = value <= limit if highest else value >= limit
+        shown = figure_number(scale * value, unit, scale * limit)
         allowed = f"{'<=' if highest else '>='} {scale * limit:g}"
-        rows.append((_heading(name, unit), shown, allowed, "ok" if kept else "broken"))
+        rows.append((_heading(name, unit), shown, allowed, "ok" if kept else "not measured" if math.isnan(value) else "broken"))
         marks.append("good" if kept else "bad")
     for figure, value in others:
         name, unit, scale = figure_words(figure, value)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.lie import attitude, so3
+from lgmpc.runs.atomic import Number
 from lgmpc.runs.figures import described, metric
 from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import push_intervals
@@ -69,7 +70,7 @@ class WalkingMetrics:
     walking_tilt_deg: float = metric(
         "Largest tilt of the base while it walks, degrees; while the command is not zero or a foot swings."
     )
-    max_scuff_m: float = metric("Largest distance that a foot slides over the floor in a swing, m.")
+    max_scuff_m: Number = metric("Largest distance that a foot slides over the floor in a swing, m.")
     peak_impact_n: float | None = metric(
         "Largest normal force of a foot just after its touchdown, N; within 20 ms from the end of a swing."
     )

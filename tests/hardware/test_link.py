@@ -65,7 +65,7 @@ def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path
     push = "pushes=[{body: base_link, time_s: 0.2, duration_s: 0.1, impulse_ns: [0.3, 1.0, 0]}]"
     # Simulated time does not pass while the robot's thread waits for a processor: that is no silence of the robot.
     patient = "deployment={silence_s: 30.0, lost_s: 60.0}"
-    config = load_config("solo12_balance_inekf", ["duration_s=0.6", "log.rate_hz=1000", "gate={}", push, patient])
+    config = load_config("solo12_balance_inekf", ["duration_s=0.6", "log.rate_hz=1000", push, patient])
     finished, deployment, served = on_a_link(config, tmp_path / "deployed", lock_step=True)
     alone = run_config(config, tmp_path / "alone").session
     np.testing.assert_array_equal(served.q, alone.log.q)
@@ -79,6 +79,10 @@ def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path
     assert saved.result.verdict.passed and saved.result.certificate is None
     figures = json.loads((finished.folder.path / DEPLOYMENT_FILE).read_text())
     assert (figures["ending"], figures["ticks"], figures["missing"]) == ("duration", 600, 0)
+    # Its gate limits slip, which a robot does not measure: that is said, and not failed.
+    assert figures["not_measured"] == ["max_slip_m"]
+    assert saved.result.metrics is not None and math.isnan(saved.result.metrics.max_slip_m)
+    assert saved.result.metrics.max_abs_torque_nm == pytest.approx(np.abs(alone.log.tau).max(), abs=1e-9)
     assert 0.0 < figures["command_p50_ms"] <= figures["command_max_ms"]
     with pytest.raises(InputError, match=r"run: got .*, a run of a robot; expected a simulated run.*config\.yaml"):
         run_from(finished, 0.1, ["mpc.enabled=false"], tmp_path)

@@ -46,7 +46,8 @@ def limits_table(
         kept = value <= limit if highest else value >= limit
         shown = figure_number(scale * value, unit, scale * limit)
         allowed = f"{'<=' if highest else '>='} {scale * limit:g}"
-        rows.append((_heading(name, unit), shown, allowed, "ok" if kept else "not measured" if math.isnan(value) else "broken"))
+        mark = "not measured" if math.isnan(value) else "ok" if kept else "broken"
+        rows.append((_heading(name, unit), shown, allowed, mark))
         marks.append("good" if kept else "bad")
     for figure, value in others:
         name, unit, scale = figure_words(figure, value)

@@ -10,19 +10,21 @@ inequalities Rockafellar, J. Optim. Theory Appl. 12, 1973). A solver without con
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from lgmpc.actions.base import Action, Stage
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.linearisation import Expansion, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
+from lgmpc.actions.python_action import PythonAction, StageDerivatives
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
-from lgmpc.typing import instance
+from lgmpc.typing import Array, instance
 
 __all__ = ["PenalizedAction", "penalize"]
 
@@ -37,20 +39,14 @@ class PenalizedAction(ItemAction):
 
     Attributes:
         base: the action.
-        ng: rows of its path constraint.
     """
 
     def __init__(self, action: Action) -> None:
         instance("action", action, Action, "an action")
         self.base = action
-        self.ng = action.path_rows
         self.name = f"{action.name}_penalized"
         self.state, self.nu = action.state, action.nu
-        self.parameters = ParameterLayout(
-            *action.parameters.parameters,
-            Parameter("constraint_multipliers", action.path_rows, "estimates of the constraint's multipliers"),
-            Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
-        )
+        self.parameters = _with_penalty(action)
         if isinstance(action, ItemAction):
             self.robot, self.own_parameters = action.robot, action.own_parameters
 
@@ -73,68 +69,59 @@ class PenalizedAction(ItemAction):
         return self.base.terminal_cost(x, p[: self.base.parameters.size])
 
 
-class _PenalizedPython(PenalizedAction):
-    """The same of an action written in Python, whose functions are numerical."""
+class _PenalizedPython(PythonAction):
+    """The same of an action written in Python: rows of the residual, which is half squared."""
 
-    smooth = False
+    def __init__(self, base: PythonAction) -> None:
+        self.base = base
+        self.name, self.state, self.nu = f"{base.name}_penalized", base.state, base.nu
+        self.parameters = _with_penalty(base)
+        self.watch = base.watch
 
-    @cached_property
-    def value_function(self) -> ca.Function:
-        """As that of :class:`Action`."""
-        function = self.base.value_function
-        symbols, m, rho, shift = self._of_base(function)
-        distance = _SquaredDistance(m["lower"] - shift, m["upper"] - shift)
-        m["cost"] += rho * ca.sum1(distance.value(m["constraint"]))
-        return self._written(function, symbols, m | dict.fromkeys(("constraint", "lower", "upper"), ca.MX(0, 1)))
+    def step(self, x: Array, u: Array, p: Array) -> Array:
+        return self.base.step(x, u, self._own(p))
 
-    @cached_property
-    def quadratic_function(self) -> ca.Function:
-        """As that of :class:`Action`."""
-        function = self.base.quadratic_function
-        symbols, m, rho, shift = self._of_base(function)
-        # Bounds of the expansion are relative to the constraint's value.
-        distance, here = _SquaredDistance(m["lower"] - shift, m["upper"] - shift), ca.MX.zeros(self.ng)
-        c, d, weight = m["C"], m["D"], ca.diag(rho * distance.curvature(here))
-        slope = rho * distance.gradient(here)
-        more = {
-            "Q": c.T @ weight @ c, "S": d.T @ weight @ c, "R": d.T @ weight @ d, "q": c.T @ slope, "r": d.T @ slope,
-            "cost": rho * ca.sum1(distance.value(here)),
-        }  # fmt: skip
-        m |= {name: m[name] + value for name, value in more.items()}
-        m |= {"C": c[:0, :], "D": d[:0, :], "lower": ca.MX(0, 1), "upper": ca.MX(0, 1)}
-        return self._written(function, symbols, m)
+    def residual(self, x: Array, u: Array, p: Array) -> Array:
+        distance, root = self._outside(x, u, p)
+        return np.concatenate([self.base.residual(x, u, self._own(p)), root * distance])
 
-    @cached_property
-    def terminal_value_function(self) -> ca.Function:
-        """As that of :class:`Action`."""
-        function = self.base.terminal_value_function
-        return self._written(function, *self._of_base(function)[:2])
+    def terminal_residual(self, x: Array, p: Array) -> Array:
+        return self.base.terminal_residual(x, self._own(p))
 
-    @cached_property
-    def terminal_quadratic_function(self) -> ca.Function:
-        """As that of :class:`Action`."""
-        function = self.base.terminal_quadratic_function
-        return self._written(function, *self._of_base(function)[:2])
+    def derivatives(self, x: Array, u: Array, p: Array) -> StageDerivatives:
+        d, (distance, root) = self.base.checked_derivatives(x, u, self._own(p)), self._outside(x, u, p)
+        active = root * (distance != 0.0)[:, None]
+        return StageDerivatives(
+            d.step_x, d.step_u, np.vstack([d.residual_x, active * d.limits_x]),
+            np.vstack([d.residual_u, active * d.limits_u]), d.limits_x[:0], d.limits_u[:0],
+        )  # fmt: skip
 
-    def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
-        """Return a call that raises an exception of Python with its node."""
-        return self.base.guarded(call, first)
+    def terminal_derivatives(self, x: Array, p: Array) -> Array:
+        return self.base.terminal_derivatives(x, self._own(p))
 
-    def _of_base(self, function: ca.Function) -> tuple[list[Any], dict[str, Any], Any, Any]:
-        """Return symbols, the results of the action's own function, the penalty, and the multipliers over it."""
-        symbols = [*function.mx_in()[:-1], ca.MX.sym("p", self.parameters.size)]
-        found = function.call([*symbols[:-1], symbols[-1][: self.base.parameters.size]])
-        values = self.parameters.split(symbols[-1])
-        rho = values["constraint_penalty"]
-        return symbols, dict(zip(function.name_out(), found, strict=True)), rho, values["constraint_multipliers"] / rho
+    def _own(self, p: Array) -> Array:
+        return p[: self.base.parameters.size]
 
-    def _written(self, function: ca.Function, symbols: list[Any], m: dict[str, Any]) -> ca.Function:
-        return ca.Function(f"{function.name()}_penalized", symbols, list(m.values()), function.name_in(), list(m))
+    def _outside(self, x: Array, u: Array, p: Array) -> tuple[Array, float]:
+        """Return the signed distance (ng,) of the shifted rows from their bounds, and the root of the penalty."""
+        values, (g, lower, upper) = self.parameters.split(p), self.base.checked_limits(x, u, self._own(p))
+        rho = float(values["constraint_penalty"][0])
+        shifted = g + values["constraint_multipliers"] / rho
+        return shifted - np.clip(shifted, lower, upper), math.sqrt(rho)
 
 
 def penalize(action: Action) -> Action:
     """Return an action with the constraint as a cost."""
-    return PenalizedAction(action) if action.smooth else _PenalizedPython(action)
+    return _PenalizedPython(action) if isinstance(action, PythonAction) else PenalizedAction(action)
+
+
+def _with_penalty(action: Action) -> ParameterLayout:
+    """Return an action's parameters, then multipliers and penalty."""
+    return ParameterLayout(
+        *action.parameters.parameters,
+        Parameter("constraint_multipliers", action.path_rows, "estimates of the constraint's multipliers"),
+        Parameter("constraint_penalty", 1, "weight of the constraint's violation", 1.0, "positive"),
+    )
 
 
 @dataclass(frozen=True, eq=False)

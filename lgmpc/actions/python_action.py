@@ -182,7 +182,7 @@ class PythonAction(Action):
             return (
                 state.diff(reached, self._step(x_moved, u_moved, p)),
                 self._residual(x_moved, u_moved, p),
-                self._limits(x_moved, u_moved, p)[0],
+                self.checked_limits(x_moved, u_moved, p)[0],
             )
 
         zero_x, zero_u = np.zeros(state.ndx), np.zeros(self.nu)
@@ -200,7 +200,7 @@ class PythonAction(Action):
         """Evaluate the action at one point."""
         x, u, p = self._arguments(x, u, p)
         r = self._residual(x, u, p)
-        return StageValue(self._step(x, u, p), 0.5 * float(r @ r), *self._limits(x, u, p))
+        return StageValue(self._step(x, u, p), 0.5 * float(r @ r), *self.checked_limits(x, u, p))
 
     @cached_property
     def watch(self) -> Watch:
@@ -303,7 +303,11 @@ class PythonAction(Action):
 
     def _quadratic(self, x: Array, u: Array, x_next: Array, p: Array) -> list[Any]:
         state, reached = self.state, self._step(x, u, p)
-        r, (value, lower, upper), d = self._residual(x, u, p), self._limits(x, u, p), self.checked_derivatives(x, u, p)
+        r, (value, lower, upper), d = (
+            self._residual(x, u, p),
+            self.checked_limits(x, u, p),
+            self.checked_derivatives(x, u, p),
+        )
         onto = state.Jdiff(x_next, reached)[1]
         by_x, by_u = d.residual_x, d.residual_u
         return [
@@ -340,7 +344,12 @@ class PythonAction(Action):
     def _end(self, x: Array, p: Array) -> Array:
         return self._array("terminal_residual", self.terminal_residual(x, p), (self._sizes["terminal_residual"],))
 
-    def _limits(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
+    def checked_limits(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
+        """Return value, lower and upper bounds (ng,) of the limits.
+
+        Raises:
+            InputError: one has the wrong shape.
+        """
         found, shape = self.limits(x, u, p), (self._sizes["limits"],)
         value = self._array("value of the limits", found.value, shape)
         bounds = [np.asarray(bound, dtype=np.float64) for bound in (found.lower, found.upper)]

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import casadi
@@ -19,54 +17,9 @@ from lgmpc.compile.simd import is_scalar_code
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["Argument", "BatchKernel", "Signature", "StageKernel", "densify_function"]
+__all__ = ["BatchKernel", "StageKernel", "densify_function"]
 
 K = TypeVar("K", bound="StageKernel")
-
-
-@dataclass(frozen=True)
-class Argument:
-    """Name and shape of one input or output of a stage."""
-
-    name: str
-    shape: tuple[int, ...]
-
-    @property
-    def size(self) -> int:
-        """Number of entries."""
-        return math.prod(self.shape)
-
-
-@dataclass(frozen=True)
-class Signature:
-    """Inputs and outputs of a compiled function."""
-
-    name: str
-    inputs: tuple[Argument, ...]
-    outputs: tuple[Argument, ...]
-
-    @classmethod
-    def of(cls, function: casadi.Function) -> Signature:
-        """Return the signature of a CasADi function."""
-
-        def describe(name: str, size: tuple[int, int]) -> Argument:
-            return Argument(name, (size[0],) if size[1] == 1 else size)
-
-        return cls(
-            function.name(),
-            tuple(describe(name, function.size_in(i)) for i, name in enumerate(function.name_in())),
-            tuple(describe(name, function.size_out(i)) for i, name in enumerate(function.name_out())),
-        )
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs, in order."""
-        return tuple(argument.name for argument in self.inputs)
-
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs, in order."""
-        return tuple(argument.name for argument in self.outputs)
 
 
 class StageKernel:
@@ -80,7 +33,9 @@ class StageKernel:
         progress: called with a description of what is being compiled.
 
     Attributes:
-        signature: its inputs and outputs.
+        name: of the function.
+        input_sizes: number of entries of every input, by name, in order.
+        output_sizes: of every output.
         compiled: whether it is machine code; otherwise, and where it is not a list of scalar operations (an MX
             function, or one that calls Python), CasADi interprets it.
 
@@ -91,7 +46,9 @@ class StageKernel:
 
     def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
         function = densify_function(function)
-        self.signature = Signature.of(function)
+        self.name = function.name()
+        self.input_sizes = {name: function.numel_in(i) for i, name in enumerate(function.name_in())}
+        self.output_sizes = {name: function.numel_out(i) for i, name in enumerate(function.name_out())}
         compiler = compiler_for_functions() if is_scalar_code(function) else None
         self._code = function if compiler is None else load_library(function, compiler, progress)
         self.compiled = compiler is not None
@@ -107,16 +64,6 @@ class StageKernel:
         kernel: K = cached(_write, cls, write, *arguments, progress=progress)
         return kernel
 
-    @property
-    def input_sizes(self) -> dict[str, int]:
-        """Number of entries of every input."""
-        return {argument.name: argument.size for argument in self.signature.inputs}
-
-    @property
-    def output_sizes(self) -> dict[str, int]:
-        """Number of entries of every output."""
-        return {argument.name: argument.size for argument in self.signature.outputs}
-
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
         """Return the call that evaluates all stages on this memory; it returns 0 and allocates nothing.
 
@@ -130,26 +77,25 @@ class StageKernel:
         """
         if not isinstance(stages, (int, np.integer)) or stages < 0:
             raise InputError("stages", f"{stages!r:.80}", "a whole number, at least 0")
-        arguments = (*self.signature.inputs, *self.signature.outputs)
-        names = tuple(argument.name for argument in arguments)
+        sizes = (*self.input_sizes.items(), *self.output_sizes.items())
         for name, array in memory.items():
-            if name not in names:
-                raise InputError(f"argument of '{self.signature.name}'", repr(name), "one of its names", names)
+            if name not in dict(sizes):
+                raise InputError(f"argument of '{self.name}'", repr(name), "one of its names", tuple(dict(sizes)))
             if not isinstance(array, np.ndarray):
                 raise InputError(name, f"{array!r:.80}", "a float64 array, which the call reads or writes")
         arrays, steps = [], []
-        for index, argument in enumerate(arguments):
-            if argument.name not in memory:
-                raise InputError(f"memory for '{self.signature.name}'", "none", f"an array for '{argument.name}'")
-            array = memory[argument.name]
-            shared = array.ndim == 1 and array.size == argument.size
-            rows = array.ndim == 2 and array.shape[0] >= stages and array.shape[1] >= argument.size
-            contiguous = argument.size < 2 or array.strides[-1] == array.itemsize
+        for index, (name, size) in enumerate(sizes):
+            if name not in memory:
+                raise InputError(f"memory for '{self.name}'", "none", f"an array for '{name}'")
+            array = memory[name]
+            shared = array.ndim == 1 and array.size == size
+            rows = array.ndim == 2 and array.shape[0] >= stages and array.shape[1] >= size
+            contiguous = size < 2 or array.strides[-1] == array.itemsize
             if array.dtype != np.float64 or not contiguous or not (shared or rows):
                 got = f"{array.dtype} of shape {array.shape}"
-                raise InputError(argument.name, got, f"float64 of shape ({stages}, {argument.size}), contiguous rows")
-            if index >= len(self.signature.inputs) and not array.flags.writeable:
-                raise InputError(argument.name, "a read-only array", "memory that results can be written to")
+                raise InputError(name, got, f"float64 of shape ({stages}, {size}), contiguous rows")
+            if index >= len(self.input_sizes) and not array.flags.writeable:
+                raise InputError(name, "a read-only array", "memory that results can be written to")
             arrays.append(array)
             steps.append(0 if shared else array.strides[0] // array.itemsize)
         return self.evaluator(stages, arrays, steps)
@@ -157,13 +103,13 @@ class StageKernel:
     def evaluator(self, stages: int, arrays: list[Array], steps: list[int]) -> Callable[[], int]:
         """Return the call on arrays that fit; ``steps`` are their numbers from one stage to the next."""
         if isinstance(self._code, ctypes.CDLL):
-            return bind_library(self._code, self.signature.name, arrays, stages, steps)
-        arguments = (*self.signature.inputs, *self.signature.outputs)
-        rows_of = [
-            [(a[k] if step else a)[: g.size] for k in range(stages)]
-            for a, step, g in zip(arrays, steps, arguments, strict=True)
+            return bind_library(self._code, self.name, arrays, stages, steps)
+        sizes = (*self.input_sizes.values(), *self.output_sizes.values())
+        rows = [
+            [(array[k] if step else array)[:size] for k in range(stages)]
+            for array, step, size in zip(arrays, steps, sizes, strict=True)
         ]
-        return _interpret(self._code, len(self.signature.inputs), stages, rows_of)
+        return _interpret(self._code, len(self.input_sizes), stages, rows)
 
 
 class BatchKernel(StageKernel):
@@ -184,11 +130,9 @@ class BatchKernel(StageKernel):
             super().__init__(function.expression() if isinstance(function, Pipeline) else function, progress)
             return
         self._layout = PipelineLayout.of(pipeline)
-        self.signature = Signature(
-            pipeline.name,
-            tuple(Argument(name, (size,)) for name, (size, _) in self._layout.inputs.items()),
-            tuple(Argument(name, (len(entries),)) for name, entries in self._layout.outputs.items()),
-        )
+        self.name = pipeline.name
+        self.input_sizes = {name: size for name, (size, _) in self._layout.inputs.items()}
+        self.output_sizes = {name: len(entries) for name, entries in self._layout.outputs.items()}
         self._libraries = load_pipeline(pipeline, compiler, progress)
         self.compiled = True
 
@@ -198,8 +142,8 @@ class BatchKernel(StageKernel):
         Raises:
             InputError: a name is missing or unknown, an array does not fit, or one that is written is also read.
         """
-        for result in self.signature.output_names:
-            for given in self.signature.input_names:
+        for result in self.output_sizes:
+            for given in self.input_sizes:
                 if given in memory and result in memory and np.may_share_memory(memory[given], memory[result]):
                     raise InputError(result, f"memory of '{given}'", "memory of its own (a StageKernel shares memory)")
         return super().bind(stages, **memory)

@@ -25,7 +25,7 @@ from lgmpc.actions.implicit import LinearUnknown, Unknowns
 from lgmpc.compile import PipelineStep
 from lgmpc.costs import ParameterLayout
 from lgmpc.robot.symbolic import SymbolicModel
-from lgmpc.state import State, StateMultibody
+from lgmpc.state import State
 
 __all__ = ["Expandable", "Expansion", "StageSteps", "at_zero", "expand_in_steps"]
 
@@ -216,7 +216,7 @@ class StageSteps:
         Written out, the derivatives of the exponential and logarithm of a free base are three times as long.
         """
         state, move = self.action.state, self.stage.move
-        if move is None or not isinstance(state, StateMultibody):
+        if move is None:
             return self._derivatives(state.diff_symbolic(self.x_next, self.stage.x_next))
         [reached], (move, by_d, by_z) = at_zero([self.stage.x_next], self.dx), self._derivatives(move)
         of_start, of_move = state.Jintegrate_symbolic(self.x, move)

@@ -53,7 +53,10 @@ def inverse(q: Array) -> Array:
 @checked(checks.quaternion, checks.tangent(3))
 def act(q: Array, point: Array) -> Array:
     """Return the rotated 3-vectors (..., 3)."""
-    return vector(act_entries(parts(q), parts(point)))
+    x, y, z, w = parts(q)
+    a, b, c = parts(point)
+    u, v, s = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return vector((a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u))
 
 
 @checked(checks.quaternion)
@@ -101,14 +104,6 @@ def from_matrix(rotation: Array) -> Array:
     matrix, with the choice of column Shepperd made, "Quaternion from rotation matrix", J. Guidance and Control 1978).
     """
     return vector(_from_rows(rows(rotation)))
-
-
-def act_entries(q: Entries, point: Entries) -> Entries:
-    """Return the 3 entries of the rotated vector."""
-    x, y, z, w = q
-    a, b, c = point
-    u, v, s = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u
 
 
 def _canonical(q: Entries) -> Entries:

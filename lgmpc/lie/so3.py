@@ -174,13 +174,15 @@ def project(approximate: Array) -> Array:
 @checked(checks.tangent(3), checks.tangent(3))
 def left_jacobian_product(phi: Array, vector: Array) -> Array:
     """Return ``J vector`` with the left Jacobian ``J``: the translation of SE(3)'s exponential."""
-    return stack(left_jacobian_product_entries(parts(phi), parts(vector)))
+    turn = parts(phi)
+    return stack(_twice_crossed(parts(vector), turn, *b_c(norm(*turn))))
 
 
 @checked(checks.tangent(3), checks.tangent(3))
 def left_jacobian_inverse_product(phi: Array, vector: Array) -> Array:
     """Return ``J^{-1} vector`` with the left Jacobian ``J``: the linear part of SE(3)'s logarithm."""
-    return stack(left_jacobian_inverse_product_entries(parts(phi), parts(vector)))
+    turn = parts(phi)
+    return stack(_twice_crossed(parts(vector), turn, -0.5, d(norm(*turn))))
 
 
 @checked(checks.tangent(3), checks.tangent(3))
@@ -197,16 +199,6 @@ def left_jacobian_inverse_slope(phi: Array, along: Array) -> Array:
     turn = parts(phi)
     angle = norm(*turn)
     return matrix(_slope(turn, parts(along), -0.5, d(angle), 0.0, delta(angle)), 3)
-
-
-def left_jacobian_product_entries(phi: Entries, vector: Entries) -> Entries:
-    """Return the 3 entries of :func:`left_jacobian_product`."""
-    return _twice_crossed(vector, phi, *b_c(norm(*phi)))
-
-
-def left_jacobian_inverse_product_entries(phi: Entries, vector: Entries) -> Entries:
-    """Return the 3 entries of :func:`left_jacobian_inverse_product`."""
-    return _twice_crossed(vector, phi, -0.5, d(norm(*phi)))
 
 
 def _twice_crossed(linear: Entries, phi: Entries, first: Any, second: Any) -> Entries:

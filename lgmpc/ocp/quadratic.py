@@ -82,16 +82,16 @@ class OcpQp:
 
     Args:
         structure: sizes and patterns.
-        values: (N, size) of the stages; zeros unless given.
+
+    Attributes:
+        values: (N, size) of the stages, zeros at first.
         terminal_values: (terminal_size,) of the last node.
     """
 
-    def __init__(
-        self, structure: OcpQpStructure, values: Array | None = None, terminal_values: Array | None = None
-    ) -> None:
+    def __init__(self, structure: OcpQpStructure) -> None:
         self.structure = structure
-        self.values: Array = np.zeros((structure.nodes, structure.size)) if values is None else values
-        self.terminal_values: Array = np.zeros(structure.terminal_size) if terminal_values is None else terminal_values
+        self.values: Array = np.zeros((structure.nodes, structure.size))
+        self.terminal_values: Array = np.zeros(structure.terminal_size)
 
     def vector(self, name: str) -> Array:
         """Return a view (N, n) of a stage vector that has no structural zeros (b, q, r, lower, upper, cost)."""

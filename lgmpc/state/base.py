@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from functools import cached_property
 from numbers import Integral
 from typing import Any
 
@@ -20,9 +23,12 @@ Array = NDArray[np.float64]
 class State(ABC):
     """A manifold with ``x (+) dx`` and ``x1 (-) x0``: the space of the points of a trajectory.
 
+    A subclass writes both as CasADi expressions; what acts on arrays evaluates them, and Jacobians are their
+    derivatives unless it knows them in closed form.
+
     Points, tangents and Jacobians may carry leading batch axes, the same for all arguments of a call. ``integrate``,
-    ``diff`` and their Jacobians are called in inner loops: they check shapes and nothing else. :meth:`check` and
-    :meth:`check_tangent` validate user input.
+    ``diff`` and their Jacobians check shapes and nothing else. :meth:`check` and :meth:`check_tangent` validate user
+    input.
 
     Args:
         nx: number of coordinates of a point.
@@ -50,42 +56,90 @@ class State(ABC):
         """Return the origin (nx,), about which limits are stated."""
 
     @abstractmethod
-    def integrate(self, x: Array, dx: Array) -> Array:
-        """Return ``x (+) dx`` (..., nx).
-
-        Raises:
-            InputError: an argument of the wrong shape.
-        """
-
-    @abstractmethod
-    def diff(self, x0: Array, x1: Array) -> Array:
-        """Return ``x1 (-) x0`` (..., ndx): the shortest ``dx`` with ``integrate(x0, dx) = x1``.
-
-        Raises:
-            InputError: an argument of the wrong shape.
-        """
-
-    @abstractmethod
-    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the derivatives (..., ndx, ndx) of ``integrate`` with respect to ``x`` and to ``dx``.
-
-        Between tangent spaces: that of ``x`` (or ``dx``'s own) to that of the result.
-        """
-
-    @abstractmethod
-    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """Return the derivatives (..., ndx, ndx) of ``diff`` with respect to ``x0`` and ``x1``.
-
-        From the tangent spaces at the two points.
-        """
-
-    @abstractmethod
     def integrate_symbolic(self, x: Any, dx: Any) -> Any:
         """Return ``x (+) dx`` as a CasADi column (SX, MX or DM); its derivatives at ``dx = 0`` are exact."""
 
     @abstractmethod
     def diff_symbolic(self, x0: Any, x1: Any) -> Any:
         """Return ``x1 (-) x0`` as a CasADi column (SX, MX or DM); its derivatives at ``x0 = x1`` are exact."""
+
+    def Jintegrate_symbolic(self, x: Any, dx: Any) -> tuple[Any, Any]:
+        """Return the derivatives of :meth:`integrate_symbolic` in tangent coordinates, as CasADi matrices."""
+        reached = self.integrate_symbolic(x, dx)
+        return self._slopes(
+            lambda e: self.diff_symbolic(reached, self.integrate_symbolic(self.integrate_symbolic(x, e), dx)),
+            lambda e: self.diff_symbolic(reached, self.integrate_symbolic(x, dx + e)),
+        )
+
+    def Jdiff_symbolic(self, x0: Any, x1: Any) -> tuple[Any, Any]:
+        """Return the derivatives of :meth:`diff_symbolic` in tangent coordinates, as CasADi matrices."""
+        return self._slopes(
+            lambda e: self.diff_symbolic(self.integrate_symbolic(x0, e), x1),
+            lambda e: self.diff_symbolic(x0, self.integrate_symbolic(x1, e)),
+        )
+
+    def project(self, x: Array) -> Array:
+        """Return points (..., nx) moved onto the manifold, from which rounding may have taken them."""
+        return x
+
+    def integrate(self, x: Array, dx: Array) -> Array:
+        """Return ``x (+) dx`` (..., nx).
+
+        Raises:
+            InputError: an argument of the wrong shape.
+        """
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        return self.project(self._evaluate("integrate", x, dx)[0][..., 0])
+
+    def diff(self, x0: Array, x1: Array) -> Array:
+        """Return ``x1 (-) x0`` (..., ndx): the shortest ``dx`` with ``integrate(x0, dx) = x1``.
+
+        Raises:
+            InputError: an argument of the wrong shape.
+        """
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        return self._evaluate("diff", x0, x1)[0][..., 0]
+
+    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
+        """Return the derivatives (..., ndx, ndx) of ``integrate`` with respect to ``x`` and to ``dx``.
+
+        Between tangent spaces: that of ``x`` (or ``dx``'s own) to that of the result.
+        """
+        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
+        by_x, by_dx = self._evaluate("Jintegrate", x, dx)
+        return by_x, by_dx
+
+    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
+        """Return the derivatives (..., ndx, ndx) of ``diff`` with respect to ``x0`` and ``x1``.
+
+        From the tangent spaces at the two points.
+        """
+        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
+        by_x0, by_x1 = self._evaluate("Jdiff", x0, x1)
+        return by_x0, by_x1
+
+    @cached_property
+    def _functions(self) -> dict[str, ca.Function]:
+        x, x1, dx = (ca.SX.sym(name, size) for name, size in (("x", self.nx), ("x1", self.nx), ("dx", self.ndx)))
+        written = {
+            "integrate": ([x, dx], [self.integrate_symbolic(x, dx)]),
+            "diff": ([x, x1], [self.diff_symbolic(x, x1)]),
+            "Jintegrate": ([x, dx], self.Jintegrate_symbolic(x, dx)),
+            "Jdiff": ([x, x1], self.Jdiff_symbolic(x, x1)),
+        }
+        return {name: ca.Function(name, inputs, [*map(ca.densify, found)]) for name, (inputs, found) in written.items()}
+
+    def _evaluate(self, name: str, first: Array, second: Array) -> list[Array]:
+        """Return a function's results (..., rows, columns) at points of any batch shape."""
+        batch = first.shape[:-1]
+        n = math.prod(batch)
+        found = self._functions[name].map(n).call([a.reshape(n, -1).T for a in (first, second)])
+        return [np.stack(np.hsplit(value.full(), n)).reshape(*batch, value.shape[0], -1) for value in found]
+
+    def _slopes(self, *functions: Callable[[Any], Any]) -> tuple[Any, Any]:
+        e = ca.SX.sym("e", self.ndx)
+        first, second = (ca.substitute(ca.jacobian(f(e), e), e, ca.SX.zeros(self.ndx)) for f in functions)
+        return first, second
 
     def check(self, x: object, argument: str = "x") -> Array:
         """Return ``x`` as a float64 array after full validation.
@@ -139,26 +193,6 @@ class StateVector(State):
         """Return zeros."""
         return np.zeros(self.nx)
 
-    def integrate(self, x: Array, dx: Array) -> Array:
-        """Return ``x + dx``."""
-        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
-        return x + dx
-
-    def diff(self, x0: Array, x1: Array) -> Array:
-        """Return ``x1 - x0``."""
-        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
-        return x1 - x0
-
-    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return two identities."""
-        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
-        return self._eye(x), self._eye(x)
-
-    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """Return minus and plus the identity."""
-        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
-        return -self._eye(x0), self._eye(x0)
-
     def integrate_symbolic(self, x: Any, dx: Any) -> Any:
         """Return ``x + dx``."""
         return x + dx
@@ -166,9 +200,6 @@ class StateVector(State):
     def diff_symbolic(self, x0: Any, x1: Any) -> Any:
         """Return ``x1 - x0``."""
         return x1 - x0
-
-    def _eye(self, x: Array) -> Array:
-        return np.tile(np.eye(self.ndx), (*x.shape[:-1], 1, 1))
 
 
 class ProductState(State):
@@ -203,30 +234,6 @@ class ProductState(State):
         """Return the factors' origins."""
         return np.concatenate([state.neutral() for state in self.states])
 
-    def integrate(self, x: Array, dx: Array) -> Array:
-        """Return ``x (+) dx``, factor by factor."""
-        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
-        factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
-        return np.concatenate([state.integrate(x[..., i], dx[..., j]) for state, i, j in factors], axis=-1)
-
-    def diff(self, x0: Array, x1: Array) -> Array:
-        """Return ``x1 (-) x0``, factor by factor."""
-        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
-        factors = zip(self.states, self.x_slices, strict=True)
-        return np.concatenate([state.diff(x0[..., i], x1[..., i]) for state, i in factors], axis=-1)
-
-    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the block-diagonal derivatives of ``integrate``."""
-        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
-        factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
-        return self._assemble([state.Jintegrate(x[..., i], dx[..., j]) for state, i, j in factors])
-
-    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """Return the block-diagonal derivatives of ``diff``."""
-        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
-        factors = zip(self.states, self.x_slices, strict=True)
-        return self._assemble([state.Jdiff(x0[..., i], x1[..., i]) for state, i in factors])
-
     def integrate_symbolic(self, x: Any, dx: Any) -> Any:
         """Return ``x (+) dx``, factor by factor."""
         factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
@@ -237,6 +244,21 @@ class ProductState(State):
         factors = zip(self.states, self.x_slices, strict=True)
         return ca.vertcat(*(state.diff_symbolic(x0[i], x1[i]) for state, i in factors))
 
+    def Jintegrate_symbolic(self, x: Any, dx: Any) -> tuple[Any, Any]:
+        """Return the block-diagonal derivatives of ``integrate``."""
+        factors = zip(self.states, self.x_slices, self.dx_slices, strict=True)
+        return _block_diagonal(state.Jintegrate_symbolic(x[i], dx[j]) for state, i, j in factors)
+
+    def Jdiff_symbolic(self, x0: Any, x1: Any) -> tuple[Any, Any]:
+        """Return the block-diagonal derivatives of ``diff``."""
+        factors = zip(self.states, self.x_slices, strict=True)
+        return _block_diagonal(state.Jdiff_symbolic(x0[i], x1[i]) for state, i in factors)
+
+    def project(self, x: Array) -> Array:
+        """Return points moved onto the manifold, factor by factor."""
+        parts = [state.project(x[..., i]) for state, i in zip(self.states, self.x_slices, strict=True)]
+        return np.concatenate(parts, axis=-1)
+
     def check(self, x: object, argument: str = "x") -> Array:
         """Return ``x`` as a float64 array after every factor has checked its own part."""
         array = super().check(x, argument)
@@ -244,12 +266,10 @@ class ProductState(State):
             state.check(array[..., i], f"{argument}[{i.start}:{i.stop}]")
         return array
 
-    def _assemble(self, blocks: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-        shape = (*blocks[0][0].shape[:-2], self.ndx, self.ndx)
-        first, second = np.zeros(shape), np.zeros(shape)
-        for j, (a, b) in zip(self.dx_slices, blocks, strict=True):
-            first[..., j, j], second[..., j, j] = a, b
-        return first, second
+
+def _block_diagonal(pairs: Iterable[tuple[Any, Any]]) -> tuple[Any, Any]:
+    first, second = zip(*pairs, strict=True)
+    return ca.diagcat(*first), ca.diagcat(*second)
 
 
 def _consecutive(sizes: list[int]) -> tuple[slice, ...]:

@@ -11,16 +11,15 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import TOLERANCE
-from lgmpc.state import configuration as blocks
 from lgmpc.state.base import Array, State
 from lgmpc.state.configuration import (
     Block,
     BlockKind,
     configuration_blocks,
-    difference_jacobians_symbolic,
+    difference_jacobians,
     difference_symbolic,
     integrate_configuration_symbolic,
-    integrate_jacobians_symbolic,
+    integrate_jacobians,
 )
 
 __all__ = ["StateMultibody"]
@@ -34,11 +33,6 @@ class StateMultibody(State):
 
     ``q`` and ``v`` are Pinocchio's: position in world axes, quaternion x y z w, joints; velocity of the base in its own
     frame, linear first. ``dq`` is expressed in the body frame at its base point.
-
-    Batches and Jacobians are computed by :mod:`lgmpc.state.configuration`; single states by Pinocchio's ``integrate``
-    and ``difference``, which are faster, except where these are less accurate (positions of free-flyers: errors of
-    1e-12 at angles of 3e-3 rad; continuous joints: 1e-8 near half a turn, where smaller steps can vanish) or depend on
-    the sign of a quaternion (at half a turn).
 
     Limits are those of the model: joint positions and velocities. Where the model has none (free-flyer, spherical and
     continuous joints; entries at the largest float), they are infinite.
@@ -70,71 +64,21 @@ class StateMultibody(State):
         speed = _open_ended(model.upperVelocityLimit)
         super().__init__(self.nq + self.nv, 2 * self.nv, np.r_[lower, -speed], np.r_[upper, speed])
         self._neutral = np.concatenate((pin.neutral(model), np.zeros(self.nv)))
-        self._circles = tuple(block for block in self.blocks if block.kind is BlockKind.CIRCLE)
         self.curved = tuple(b for b in self.blocks if b.kind in (BlockKind.ROTATION, BlockKind.PLACEMENT))
-        self._placements = tuple(block for block in self.blocks if block.kind is BlockKind.PLACEMENT)
-        self._quaternions = tuple((b, slice(b.q.stop - 4, b.q.stop)) for b in self.curved)
-        self._eye = np.eye(self.ndx)
+        self._units = tuple(
+            slice(b.q.start + _UNIT_NORM[b.kind], b.q.stop) for b in self.blocks if b.kind in _UNIT_NORM
+        )
 
     def neutral(self) -> Array:
         """Return Pinocchio's neutral configuration at rest."""
         return self._neutral.copy()
 
-    def integrate(self, x: Array, dx: Array) -> Array:
-        """Return ``(q (+) dq, v + dv)``."""
-        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
-        nq, nv = self.nq, self.nv
-        result = np.empty(x.shape)
-        if x.ndim == 1:
-            result[:nq] = pin.integrate(self.model, x[:nq], dx[:nv])
-            for block in self._placements:
-                start = block.q.start
-                result[start : start + 3] = blocks.moved(x[block.q], dx[block.v])
-        else:
-            for block in self.blocks:
-                result[..., block.q] = blocks.integrate(block.kind, x[..., block.q], dx[..., block.v])
-        np.add(x[..., nq:], dx[..., nv:], out=result[..., nq:])
-        return result
-
-    def diff(self, x0: Array, x1: Array) -> Array:
-        """Return ``(q1 (-) q0, v1 - v0)``; the same for both signs of a quaternion."""
-        self._check_shapes(x0, x1, self.nx, ("x0", "x1"))
-        nq, nv = self.nq, self.nv
-        result = np.empty((*x0.shape[:-1], self.ndx))
-        if x0.ndim == 1:
-            result[:nv] = pin.difference(self.model, x0[:nq], x1[:nq])
-            for block in self._circles:
-                result[block.v] = blocks.difference(block.kind, x0[block.q], x1[block.q])
-            for block, i in self._quaternions:
-                if abs(x0[i].dot(x1[i])) < 1e-8:  # within 2e-8 rad of half a turn
-                    result[block.v] = blocks.difference(block.kind, x0[block.q], x1[block.q])
-            for block in self._placements:
-                middle = block.v.start + 3
-                phi = result[middle : middle + 3]
-                result[middle - 3 : middle] = blocks.linear_difference(x0[block.q], x1[block.q], phi)
-        else:
-            for block in self.blocks:
-                result[..., block.v] = blocks.difference(block.kind, x0[..., block.q], x1[..., block.q])
-        np.subtract(x1[..., nq:], x0[..., nq:], out=result[..., nv:])
-        return result
-
-    def Jintegrate(self, x: Array, dx: Array) -> tuple[Array, Array]:
-        """Return the derivatives of ``integrate``: identities except for the blocks of rotations and placements."""
-        self._check_shapes(x, dx, self.ndx, ("x", "dx"))
-        jx, jdx = self._identity(x), self._identity(x)
-        for block in self.curved:
-            i = block.v
-            jx[..., i, i], jdx[..., i, i] = blocks.integrate_jacobians(block.kind, dx[..., i])
-        return jx, jdx
-
-    def Jdiff(self, x0: Array, x1: Array) -> tuple[Array, Array]:
-        """Return the derivatives of ``diff``; the rotations between the two points must stay below half a turn."""
-        d = self.diff(x0, x1)
-        j0, j1 = -self._identity(x0), self._identity(x0)
-        for block in self.curved:
-            i = block.v
-            j0[..., i, i], j1[..., i, i] = blocks.difference_jacobians(block.kind, d[..., i])
-        return j0, j1
+    def project(self, x: Array) -> Array:
+        """Return states with quaternions and (cos, sin) of unit norm."""
+        moved = x.copy()
+        for i in self._units:
+            moved[..., i] /= np.linalg.norm(x[..., i], axis=-1, keepdims=True)
+        return moved
 
     def integrate_symbolic(self, x: Any, dx: Any) -> Any:
         """Return ``(q (+) dq, v + dv)`` as a CasADi column; its derivatives at ``dx = 0`` are exact."""
@@ -148,11 +92,11 @@ class StateMultibody(State):
 
     def Jintegrate_symbolic(self, x: Any, dx: Any) -> tuple[Any, Any]:
         """Return the derivatives of :meth:`integrate_symbolic` in tangent coordinates, as CasADi matrices."""
-        return self._jacobians_symbolic(integrate_jacobians_symbolic, 1.0, dx)
+        return self._jacobians_symbolic(integrate_jacobians, 1.0, dx)
 
     def Jdiff_symbolic(self, x0: Any, x1: Any) -> tuple[Any, Any]:
         """Return the derivatives of :meth:`diff_symbolic` in tangent coordinates, as CasADi matrices."""
-        return self._jacobians_symbolic(difference_jacobians_symbolic, -1.0, self.diff_symbolic(x0, x1))
+        return self._jacobians_symbolic(difference_jacobians, -1.0, self.diff_symbolic(x0, x1))
 
     def _jacobians_symbolic(
         self, of_block: Callable[[BlockKind, Any], tuple[Any, Any]], sign: float, d: Any
@@ -172,21 +116,13 @@ class StateMultibody(State):
     def check(self, x: object, argument: str = "x") -> Array:
         """Return ``x`` as a float64 array after full validation: shape, finite, quaternions of norm 1."""
         array = super().check(x, argument)
-        for block in self.blocks:
-            if block.kind not in _UNIT_NORM:
-                continue
-            i = slice(block.q.start + _UNIT_NORM[block.kind], block.q.stop)
+        for i in self._units:
             norm = np.linalg.norm(array[..., i], axis=-1)
             if np.any(np.abs(norm - 1.0) > TOLERANCE):
                 worst = float(np.ravel(norm)[np.argmax(np.abs(np.ravel(norm) - 1.0))])
-                kind = "(cos, sin)" if block.kind is BlockKind.CIRCLE else "a quaternion"
+                kind = "(cos, sin)" if i.stop - i.start == 2 else "a quaternion"
                 raise InputError(f"{argument}[{i.start}:{i.stop}]", f"{kind} of norm {worst:.9g}", "norm 1")
         return array
-
-    def _identity(self, x: Array) -> Array:
-        if x.ndim == 1:
-            return self._eye.copy()
-        return np.tile(self._eye, (*x.shape[:-1], 1, 1))
 
 
 def _position_limits(model: pin.Model, blocks_: tuple[Block, ...]) -> tuple[Array, Array]:

@@ -166,7 +166,6 @@ class PipelineLayout:
     """Places and sizes of a pipeline's columns, for calls of its libraries without its expressions.
 
     Attributes:
-        name: in messages.
         inputs: size and place of each column that is given.
         outputs: places of each result's entries.
         functions: name of each step's function.
@@ -176,7 +175,6 @@ class PipelineLayout:
         operations: of a stage.
     """
 
-    name: str
     inputs: Mapping[str, tuple[int, int]]
     outputs: Mapping[str, tuple[int, ...]]
     functions: tuple[str, ...]
@@ -198,7 +196,6 @@ class PipelineLayout:
             for i, name in enumerate(step.results):
                 plan += [places[name], f.numel_out(i)]
         return cls(
-            pipeline.name,
             {name: (size, places[name]) for name, size in pipeline.inputs.items()},
             {name: tuple(pipeline.entries(name)) for name in pipeline.outputs},
             tuple(step.function.name() for step in pipeline.steps),

@@ -1,4 +1,4 @@
-"""Validation of arguments: positive numbers, vectors, physically possible inertias; read-only copies."""
+"""Validation of arguments: positive numbers, physically possible inertias; read-only copies."""
 
 from __future__ import annotations
 
@@ -11,25 +11,11 @@ from lgmpc.typing import Array
 
 __all__ = [
     "check_inertia",
-    "check_number",
     "check_positive",
-    "check_vector",
     "frozen",
 ]
 
 _TOLERANCE = 1e-9
-
-
-def check_number(name: str, value: object, unit: str) -> float:
-    """Return a finite number.
-
-    Raises:
-        InputError: not one finite number.
-    """
-    array = checks.finite(name, value)
-    if array.ndim:
-        raise InputError(name, f"shape {array.shape}", f"one number, {unit}")
-    return float(array)
 
 
 def check_positive(name: str, value: object, unit: str) -> float:
@@ -42,18 +28,6 @@ def check_positive(name: str, value: object, unit: str) -> float:
     if array.ndim or not array > 0.0:
         raise InputError(name, value, f"a positive number, {unit}")
     return float(array)
-
-
-def check_vector(name: str, value: object, size: int) -> Array:
-    """Return a vector (size,) of finite numbers.
-
-    Raises:
-        InputError: another shape, or not finite.
-    """
-    array = checks.finite(name, value)
-    if array.shape != (size,):
-        raise InputError(name, f"shape {array.shape}", f"shape {(size,)}")
-    return array
 
 
 def check_inertia(name: str, value: object) -> Array:

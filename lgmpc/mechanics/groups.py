@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import Group, checks, se3, sek3, so3
@@ -27,8 +28,7 @@ from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import sek3 as symbolic_sek3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.checks import check_vector
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 __all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "body_momentum", "extended_poses", "spatial_momentum"]
 
@@ -64,13 +64,13 @@ class LieGroup:
             raise InputError(name, f"shape {array.shape}", f"shape {(self.size, self.size)}")
         return array
 
-    def check_tangent(self, name: str, value: object) -> Array:
+    def check_tangent(self, name: str, value: ArrayLike) -> Array:
         """Convert one vector of the algebra or of its dual.
 
         Raises:
             InputError: another shape, or not finite.
         """
-        return check_vector(name, value, self.dim)
+        return numbers(name, value, (self.dim,), finite=True)
 
 
 SO3 = LieGroup("so3", 3, 3, so3, symbolic_so3, checks.rotation)

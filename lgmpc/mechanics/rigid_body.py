@@ -15,10 +15,10 @@ from lgmpc.lie import so3
 from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
-from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen
+from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
 from lgmpc.mechanics.euler_poincare import Advected, Expression, LeftEulerPoincare
 from lgmpc.mechanics.groups import SE3, SO3
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, numbers
 
 __all__ = [
     "HEIGHT",
@@ -55,7 +55,7 @@ class SpatialInertia:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", check_positive("mass", self.mass, "kg"))
-        object.__setattr__(self, "center", frozen(check_vector("center", self.center, 3)))
+        object.__setattr__(self, "center", frozen(numbers("center", self.center, (3,), finite=True)))
         object.__setattr__(self, "rotational", frozen(check_inertia("rotational", self.rotational)))
 
     @property
@@ -109,7 +109,7 @@ def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEu
     Raises:
         InputError: an inertia that no body has, a moment of another shape, or gravity that is no finite number.
     """
-    weight = check_number("gravity", gravity, "m/s^2") * SO3.check_tangent("moment", moment)
+    weight = numbers("gravity", gravity, (), finite=True) * SO3.check_tangent("moment", moment)
     return LeftEulerPoincare(
         "heavy_top",
         SO3,
@@ -144,7 +144,7 @@ def free_body(
     Raises:
         InputError: gravity that is no finite number.
     """
-    weight = inertia.mass * check_number("gravity", gravity, "m/s^2") * np.append(inertia.center, 1.0)
+    weight = inertia.mass * numbers("gravity", gravity, (), finite=True) * np.append(inertia.center, 1.0)
     return LeftEulerPoincare(
         "free_body",
         SE3,

@@ -25,11 +25,11 @@ from scipy import special
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3
 from lgmpc.lie.checks import typed
-from lgmpc.mechanics.checks import check_positive, check_vector, frozen
+from lgmpc.mechanics.checks import check_positive, frozen
 from lgmpc.mechanics.euler_poincare import Expression, LeftEulerPoincare, Symbols
 from lgmpc.mechanics.groups import SE3
 from lgmpc.mechanics.rigid_body import SpatialInertia
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, numbers
 
 __all__ = ["UnderwaterVehicle", "speed_under_force", "spheroid_added_mass", "terminal_speed"]
 
@@ -74,13 +74,13 @@ class UnderwaterVehicle:
             least = float(np.linalg.eigvalsh(matrix)[0])
             if least < -1e-9 * float(np.abs(matrix).max()):
                 raise InputError(name, f"smallest eigenvalue {least:.3g}", "no negative eigenvalue")
-        quadratic = check_vector("quadratic_damping", self.quadratic_damping, 6)
+        quadratic = numbers("quadratic_damping", self.quadratic_damping, (6,), finite=True)
         if quadratic.min() < 0.0:
             raise InputError("quadratic_damping", quadratic, "no negative entry")
         for name in ("buoyancy", "gravity"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise InputError(name, getattr(self, name), "a number that is not negative")
-        center = check_vector("center_of_buoyancy", self.center_of_buoyancy, 3)
+        center = numbers("center_of_buoyancy", self.center_of_buoyancy, (3,), finite=True)
         for name, value in (
             ("added_mass", added),
             ("linear_damping", linear),
@@ -108,7 +108,7 @@ class UnderwaterVehicle:
         Raises:
             InputError: another shape, or not finite.
         """
-        nu, mass = check_vector("velocity", velocity, 6), self.mass_matrix
+        nu, mass = numbers("velocity", velocity, (6,), finite=True), self.mass_matrix
         momentum = mass @ nu
         turning = np.column_stack([se3.coadjoint(unit) @ momentum for unit in np.eye(6)])
         damping = self.linear_damping + 2.0 * np.diag(self.quadratic_damping * np.abs(nu))

@@ -11,13 +11,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
+from lgmpc.typing import Array, numbers
 
-__all__ = ["Array", "ProductState", "State", "StateVector"]
-
-Array = NDArray[np.float64]
+__all__ = ["ProductState", "State", "StateVector"]
 
 
 class State(ABC):
@@ -27,8 +26,7 @@ class State(ABC):
     derivatives unless it knows them in closed form.
 
     Points, tangents and Jacobians may carry leading batch axes, the same for all arguments of a call. ``integrate``,
-    ``diff`` and their Jacobians check shapes and nothing else. :meth:`check` and :meth:`check_tangent` validate user
-    input.
+    ``diff`` and their Jacobians check shapes and nothing else.
 
     Args:
         nx: number of coordinates of a point.
@@ -141,22 +139,6 @@ class State(ABC):
         first, second = (ca.substitute(ca.jacobian(f(e), e), e, ca.SX.zeros(self.ndx)) for f in functions)
         return first, second
 
-    def check(self, x: object, argument: str = "x") -> Array:
-        """Return ``x`` as a float64 array after full validation.
-
-        Raises:
-            InputError: wrong shape, not numeric, non-finite, or (for spaces that have them) not of unit norm.
-        """
-        return _real(argument, x, self.nx)
-
-    def check_tangent(self, dx: object, argument: str = "dx") -> Array:
-        """Return ``dx`` as a float64 array after full validation.
-
-        Raises:
-            InputError: wrong shape, not numeric, or non-finite.
-        """
-        return _real(argument, dx, self.ndx)
-
     def _check_shapes(self, x: Array, other: Array, size: int, names: tuple[str, str]) -> None:
         for name, given in zip(names, (x, other), strict=True):
             if not isinstance(given, np.ndarray):
@@ -259,13 +241,6 @@ class ProductState(State):
         parts = [state.project(x[..., i]) for state, i in zip(self.states, self.x_slices, strict=True)]
         return np.concatenate(parts, axis=-1)
 
-    def check(self, x: object, argument: str = "x") -> Array:
-        """Return ``x`` as a float64 array after every factor has checked its own part."""
-        array = super().check(x, argument)
-        for state, i in zip(self.states, self.x_slices, strict=True):
-            state.check(array[..., i], f"{argument}[{i.start}:{i.stop}]")
-        return array
-
 
 def _block_diagonal(pairs: Iterable[tuple[Any, Any]]) -> tuple[Any, Any]:
     first, second = zip(*pairs, strict=True)
@@ -277,39 +252,14 @@ def _consecutive(sizes: list[int]) -> tuple[slice, ...]:
     return tuple(slice(stop - size, stop) for stop, size in zip(stops, sizes, strict=True))
 
 
-def _real(name: str, value: object, size: int) -> Array:
-    array = _numeric(value)
-    if array is None:
-        raise InputError(name, value, f"{size} real numbers")
-    if array.shape[-1:] != (size,):
-        raise InputError(name, f"shape {array.shape}", f"shape (..., {size})")
-    if not np.isfinite(array).all():
-        index = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise InputError(name, f"{array[tuple(index)]} at index {index}", "finite entries")
-    return array
-
-
-def _numeric(value: object) -> Array | None:
-    """Convert to float64; return None for text, complex numbers and ragged lists."""
-    try:
-        raw = np.asarray(value)
-    except ValueError:
-        return None
-    return raw.astype(np.float64) if raw.dtype.kind in "fiu" else None
-
-
-def _frozen_bounds(ndx: int, lower: object, upper: object) -> tuple[Array, Array]:
-    result = []
-    for name, bound in (("lower", lower), ("upper", upper)):
-        array = _numeric(bound)
-        if array is None:
-            raise InputError(name, bound, f"{ndx} numbers, none of them NaN")
-        if array.shape != (ndx,) or np.isnan(array).any():
-            raise InputError(name, f"{array if array.size < 9 else array.shape}", f"{ndx} numbers, none of them NaN")
+def _frozen_bounds(ndx: int, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
+    found = [numbers(name, bound, (ndx,)).copy() for name, bound in (("lower", lower), ("upper", upper))]
+    for name, array in zip(("lower", "upper"), found, strict=True):
+        if np.isnan(array).any():
+            raise InputError(name, "NaN", f"{ndx} numbers, none of them NaN")
         array.setflags(write=False)
-        result.append(array)
-    crossed = np.flatnonzero(result[0] > result[1])
+    crossed = np.flatnonzero(found[0] > found[1])
     if crossed.size:
         i = int(crossed[0])
-        raise InputError("lower", f"{result[0][i]:g} at index {i}", f"at most the upper bound, {result[1][i]:g}")
-    return result[0], result[1]
+        raise InputError("lower", f"{found[0][i]:g} at index {i}", f"at most the upper bound, {found[1][i]:g}")
+    return found[0], found[1]

@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import TOLERANCE
-from lgmpc.state.base import Array, State
+from lgmpc.state.base import State
 from lgmpc.state.configuration import (
     Block,
     BlockKind,
@@ -21,6 +20,7 @@ from lgmpc.state.configuration import (
     integrate_configuration_symbolic,
     integrate_jacobians,
 )
+from lgmpc.typing import Array
 
 __all__ = ["StateMultibody"]
 
@@ -112,17 +112,6 @@ class StateMultibody(State):
             end = block.v.stop
         flat = ca.SX.eye(self.ndx - end)
         return ca.diagcat(*first, sign * flat), ca.diagcat(*second, flat)
-
-    def check(self, x: object, argument: str = "x") -> Array:
-        """Return ``x`` as a float64 array after full validation: shape, finite, quaternions of norm 1."""
-        array = super().check(x, argument)
-        for i in self._units:
-            norm = np.linalg.norm(array[..., i], axis=-1)
-            if np.any(np.abs(norm - 1.0) > TOLERANCE):
-                worst = float(np.ravel(norm)[np.argmax(np.abs(np.ravel(norm) - 1.0))])
-                kind = "(cos, sin)" if i.stop - i.start == 2 else "a quaternion"
-                raise InputError(f"{argument}[{i.start}:{i.stop}]", f"{kind} of norm {worst:.9g}", "norm 1")
-        return array
 
 
 def _position_limits(model: pin.Model, blocks_: tuple[Block, ...]) -> tuple[Array, Array]:

@@ -127,19 +127,6 @@ def test_batches_equal_single_states(state) -> None:
 
 
 @SYMBOLS
-def test_casadi_functions(state, points, symbol) -> None:
-    x, y, dx = symbol.sym("x", state.nx), symbol.sym("y", state.nx), symbol.sym("dx", state.ndx)
-    integrate = ca.Function("integrate", [x, dx], [state.integrate_symbolic(x, dx)])
-    diff = ca.Function("diff", [x, y], [state.diff_symbolic(x, y)])
-    for seed, point in enumerate(points):
-        for scale in (0.0, 1e-9, 1.0, 4.0):  # 4: beyond half a turn
-            value = step(state, seed, scale)
-            expected = state.integrate(point, value)
-            np.testing.assert_allclose(integrate(point, value).full().ravel(), expected, atol=5e-15)
-            np.testing.assert_allclose(diff(point, expected).full().ravel(), state.diff(point, expected), atol=2e-14)
-
-
-@SYMBOLS
 def test_casadi_derivatives_are_the_jacobians_at_zero_too(state, points, symbol) -> None:
     x, y, z = (symbol.sym(name, state.nx) for name in "xyz")
     dx, e = symbol.sym("dx", state.ndx), symbol.sym("e", state.ndx)
@@ -185,28 +172,6 @@ def test_wrong_shapes_are_named(state) -> None:
             function(x[:-1], x)
         with pytest.raises(InputError, match=r"x1: got shape"):
             function(x, np.r_[x, 0.0])
-
-
-def test_check_names_what_is_wrong(state) -> None:
-    x = state.neutral()
-    assert np.array_equal(state.check(x.tolist()), x)
-    assert state.check(np.tile(x, (3, 1))).shape == (3, state.nx)
-    assert np.array_equal(state.check_tangent(np.arange(state.ndx)), np.arange(state.ndx))
-    for value in (np.nan, np.inf):
-        with pytest.raises(InputError, match=rf"start: got {value} at index \[1\]; expected finite"):
-            state.check(np.r_[x[0], value, x[2:]], "start")
-    with pytest.raises(InputError, match="x: got shape"):
-        state.check(x[:-1])
-    with pytest.raises(InputError, match="real numbers"):
-        state.check("upright")
-    with pytest.raises(InputError, match="real numbers"):
-        state.check(x + 1j)
-    with pytest.raises(InputError, match="real numbers"):
-        state.check([[1.0], [1.0, 2.0]])
-    with pytest.raises(InputError, match="dx: got shape"):
-        state.check_tangent(np.zeros(state.ndx + 1))
-    with pytest.raises(InputError, match="dx: got nan"):
-        state.check_tangent(np.full(state.ndx, np.nan))
 
 
 @pytest.mark.parametrize("bad", [None, "text", np.nan, [0.0], {}], ids=lambda bad: type(bad).__name__)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from lgmpc.errors import InputError, ModelError
+from lgmpc.errors import ModelError
 from lgmpc.state import StateMultibody, difference_symbolic, integrate_configuration_symbolic
 
 # 1e-4 .. 1e-2 is where Pinocchio's own Jacobians of the free-flyer lose up to eleven digits.
@@ -84,17 +84,6 @@ def test_single_and_batch_agree_with_pinocchio(multibody, angle) -> None:
         for got in (multibody.diff(x, y), multibody.diff(x[None], y[None])[0]):
             assert np.all(np.abs(got[:nv] - expected) <= tolerance)
             np.testing.assert_allclose(got, dx, atol=2e-14)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-8, 1e-4, 5e-4, 1e-3, 3e-3, 1e-2, 0.1, 1.0, 3.0])
-def test_a_single_state_is_as_accurate_as_a_batch_of_one(multibody, angle) -> None:
-    """To a few units in the last place of a number near 1; 1e-12 is what ``pin.difference`` loses at 3e-3 rad."""
-    ulp = np.finfo(np.float64).eps
-    for seed in range(20):
-        x, dx = start(multibody, seed), tangent(multibody, angle, seed)
-        y = multibody.integrate(x[None], dx[None])[0]
-        np.testing.assert_allclose(multibody.integrate(x, dx), y, rtol=0.0, atol=10 * ulp)
-        np.testing.assert_allclose(multibody.diff(x, y), multibody.diff(x[None], y[None])[0], rtol=0.0, atol=10 * ulp)
 
 
 @GRID
@@ -257,18 +246,6 @@ def test_velocity_limits_of_a_urdf_are_symmetric() -> None:
     assert np.array_equal(state.upper, [2.0, 4.0])
 
 
-def test_check_refuses_what_is_not_on_the_manifold(multibody) -> None:
-    x = start(multibody, 0)
-    multibody.check(np.stack([x, multibody.neutral()]))
-    for i, kind in ((slice(3, 7), "a quaternion"), (slice(8, 10), r"\(cos, sin\)"), (slice(12, 16), "a quaternion")):
-        bad = x.copy()
-        bad[i] *= 1.01
-        with pytest.raises(InputError, match=rf"x0\[{i.start}:{i.stop}\]: got {kind} of norm 1.01; expected norm 1"):
-            multibody.check(bad, "x0")
-        with pytest.raises(InputError, match="norm 1.01"):
-            multibody.check(np.stack([x, bad]))
-
-
 def test_unsupported_joints_are_all_named(make_model) -> None:
     model = make_model(
         floor=pin.JointModelPlanar(),
@@ -299,22 +276,6 @@ def test_symbolic_configuration_functions_are_pinocchios(multibody) -> None:
         q1 = pin.integrate(model, q0, step)
         np.testing.assert_allclose(integrate(q0, step).full().ravel(), q1, atol=3e-14)
         np.testing.assert_allclose(difference(q0, q1).full().ravel(), pin.difference(model, q0, q1), atol=1e-13)
-
-
-@GRID
-def test_symbolic_jacobians_are_the_numeric_ones(multibody: StateMultibody, angle: float) -> None:
-    state = multibody
-    x, y, dx = (ca.SX.sym(name, n) for name, n in (("x", state.nx), ("y", state.nx), ("dx", state.ndx)))
-    integrate = ca.Function("integrate", [x, dx], list(state.Jintegrate_symbolic(x, dx)))
-    difference = ca.Function("difference", [x, y], list(state.Jdiff_symbolic(x, y)))
-    point, step = start(state, 3), tangent(state, angle, 3)
-    reached = state.integrate(point, step)
-    for got, expected in (
-        (integrate(point, step), state.Jintegrate(point, step)),
-        (difference(point, reached), state.Jdiff(point, reached)),
-    ):
-        for left, right in zip(got, expected, strict=True):
-            np.testing.assert_allclose(left.full(), right, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("step", [math.inf, -math.inf, math.nan])

@@ -37,14 +37,6 @@ def test_jacobians_are_block_diagonal(ball) -> None:
     assert np.array_equal(product.Jintegrate(x, dx)[1], expected)
 
 
-def test_check_names_the_factor(ball) -> None:
-    product = ProductState(StateVector(2), ball)
-    x = product.neutral()
-    x[5] = 2.0
-    with pytest.raises(InputError, match=r"x\[2:9\]\[0:4\]: got a quaternion of norm"):
-        product.check(x)
-
-
 def test_bad_arguments_are_refused() -> None:
     with pytest.raises(InputError, match="states: got none"):
         ProductState()
@@ -53,9 +45,9 @@ def test_bad_arguments_are_refused() -> None:
         StateVector(0)
     with pytest.raises(InputError, match="n: got 2.5; expected a whole number"):
         StateVector(2.5)
-    with pytest.raises(InputError, match="lower: .* expected 2 numbers"):
+    with pytest.raises(InputError, match=r"lower: .* expected numbers, shape \(2,\)"):
         StateVector(2, lower=["low", "lower"])
-    with pytest.raises(InputError, match="upper: .* expected 3 numbers"):
+    with pytest.raises(InputError, match=r"upper: .* expected shape \(3,\)"):
         StateVector(3, upper=np.ones(2))
     with pytest.raises(InputError, match="lower: got 1 at index 0; expected at most the upper bound, 0"):
         StateVector(2, np.ones(2), np.zeros(2))

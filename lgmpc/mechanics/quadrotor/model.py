@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
-from lgmpc.mechanics.checks import check_inertia, check_number, check_positive, check_vector, frozen
+from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
 from lgmpc.mechanics.rollout import runge_kutta4
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray, numbers
 
 __all__ = [
     "Controller",
@@ -270,8 +270,8 @@ class Hover:
     heading: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        check_vector("point", self.point, 3)
-        if not check_vector("heading", self.heading, 3).any():
+        numbers("point", self.point, (3,), finite=True)
+        if not numbers("heading", self.heading, (3,), finite=True).any():
             raise InputError("heading", self.heading, "a direction")
 
     def at(self, time: float) -> FlatOutput:
@@ -302,8 +302,8 @@ class Lissajous:
 
     def __post_init__(self) -> None:
         for name in ("amplitude", "frequency", "phase"):
-            check_vector(name, getattr(self, name), 3)
-        check_number("yaw_rate", self.yaw_rate, "rad/s")
+            numbers(name, getattr(self, name), (3,), finite=True)
+        numbers("yaw_rate", self.yaw_rate, (), finite=True)
 
     def at(self, time: float) -> FlatOutput:
         """Return position and heading; the k-th derivative of a sine leads it by k quarter turns."""

@@ -35,6 +35,7 @@ from lgmpc.mpc import (
     MeasuredState,
     Plan,
 )
+from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.solvers.qp import QP_SOLVERS
 from lgmpc.typing import Array
 
@@ -49,6 +50,7 @@ class ClosedLoop(ABC):
     """One controller and its own copy of the model."""
 
     period = 0.01
+    mpc: SqpMpc
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -71,7 +73,7 @@ class ClosedLoop(ABC):
         plan = self.plan(t, wrench)
         self.times.append(plan.update_time)
         self.iterations.append(plan.qp_iterations)
-        self.kkt.append(plan.kkt.largest)
+        self.kkt.append(self.mpc.solver.residual().largest)
         self.failures += not plan.status.fresh
         self.deviation = max(self.deviation, float(np.linalg.norm(plan.xs[0, :3] - self.standing[:3])))
         self.advance(plan, wrench)

@@ -18,6 +18,7 @@ from lgmpc.control.modes import Mode
 from lgmpc.control.report import TickReport
 from lgmpc.errors import LgmpcError, cause_of
 from lgmpc.estimation import LeggedEstimator, MeasurementMonitor
+from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
@@ -278,6 +279,10 @@ class RunObserver:
         self._next_normals = (controller.wbc.terms if truth is None else truth).normals
         self._normals = self._next_normals.copy()
         self._started, self._from = perf_counter(), math.nan
+        # Arrays, which are recorded faster than sequences, of what seldom changes.
+        self._command, self._velocities = MotionCommand(), np.zeros(3)
+        self._states: list[ContactState] = []
+        self._codes = np.zeros(0)
 
     def __call__(self, tick: Tick) -> bool:
         """Record a tick after its command was computed, and return whether the run continues."""
@@ -286,7 +291,12 @@ class RunObserver:
         if self._truth is not None:
             sensed = self._truth
             sensed.update(sample.q, sample.v)
-        command = report.command
+        if report.command is not self._command:
+            self._command = command = report.command
+            self._velocities[:] = command.vx, command.vy, command.yaw_rate
+        if report.contact_states != self._states:
+            self._states = list(report.contact_states)
+            self._codes = np.array([_STATE_CODES[state] for state in self._states], dtype=np.float64)
         values: dict[str, ArrayLike] = {
             "time": sample.time,
             "q": sample.q,
@@ -305,11 +315,11 @@ class RunObserver:
             "push_point": tick.disturbance.point,
             "wbc_status": 2 if tick.replaced else 0 if report.status is Status.CONVERGED else 1,
             "wbc_ms": report.tick_ms,
-            "command": (command.vx, command.vy, command.yaw_rate),
+            "command": self._velocities,
             "mode": _MODE_CODES[report.mode],
             "gait_period_s": report.gait.period_s,
             "stance": report.stance,
-            "contact_states": [_STATE_CODES[state] for state in report.contact_states],
+            "contact_states": self._codes,
             "swing_targets": report.foot_targets,
             "footholds": report.footholds,
         }

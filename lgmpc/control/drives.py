@@ -41,7 +41,7 @@ class JointReferences:
     """
 
     def __init__(self, robot: Robot, settings: DriveSettings, period: float) -> None:
-        self._period = period
+        self._period, self._joints, self._rates = period, robot.joint_q, robot.joint_v
         self._kp = _per_joint(robot, settings.kp_nm_rad, "drives.kp_nm_rad")
         self._kd = _per_joint(robot, settings.kd_nms_rad, "drives.kd_nms_rad")
         self._none = self._kp is self._kd
@@ -49,11 +49,13 @@ class JointReferences:
             raise InputError("drives", "gains", f"none: {robot.name} has joints without one coordinate each")
 
     def command(self, tau: Array, q: Array, v: Array, acceleration: Array) -> Command:
-        """Return the command of torques (nu,) at joint positions, velocities and with accelerations (nu,)."""
+        """Return the command of torques (nu,) in a state (nq,), (nv,) with accelerations (nv,)."""
+        joints = q[self._joints]
         if self._none:
-            return Command.feed_forward(tau, q)
-        then = v + self._period * acceleration
-        return Command(tau, q + 0.5 * self._period * (v + then), then, self._kp, self._kd)
+            return Command(tau, joints, self._kp, self._kp, self._kp)
+        now = v[self._rates]
+        then = now + self._period * acceleration[self._rates]
+        return Command(tau, joints + 0.5 * self._period * (now + then), then, self._kp, self._kd)
 
 
 def _per_joint(robot: Robot, gain: float | dict[str, float], key: str) -> Array:

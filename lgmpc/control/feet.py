@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import Contacts, Task
 
 __all__ = ["Feet"]
+
+Vector = Sequence[float]  # x, y, z
 
 _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second one corrects
 
@@ -98,6 +100,9 @@ class Feet:
         self.roughness = 0.0
         self._may_stretch = True  # whether long steps may take longer than scheduled
         self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
+        self._points: Array = np.zeros((robot.nf, 3))  # of the feet, as measured last
+        rows = zip(self.footholds, self.position, self.velocity, self.acceleration, strict=True)
+        self._rows: list[tuple[Array, Array, Array, Array]] = list(rows)  # of each foot
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
@@ -205,10 +210,12 @@ class Feet:
             contacts: (nc,) measured contacts; None where nothing is measured.
             motion: of the robot in the plane.
         """
-        corners, feet = points, self.points
-        touching, points = None if contacts is None else feet.touching(contacts), feet.mean(points)
-        stance = self.events.update(time, touching, self._below(points))
-        velocities = feet.mean(velocities)
+        corners, feet, single = points, self.points, self.points.single
+        if not single:
+            points = feet.mean(points)
+            contacts = None if contacts is None else feet.touching(contacts)
+        self._points = points
+        stance = self.events.update(time, contacts, self._below)
         stands = stance.tolist()
         self.changed = stands != self._stood
         if self.changed:
@@ -220,46 +227,46 @@ class Feet:
             self.position[...] = points
             if self.changed:
                 self.velocity[:] = self.acceleration[:] = 0.0
-            if not feet.single:
+            if not single:
                 self.targets[:] = corners
                 if self.changed:  # soles that stand do not turn
                     self.yaws[:] = feet.yaws(corners)
         else:
-            yaws = feet.yaws(corners)
-            for foot, carries in enumerate(stands):
-                self._update_foot(foot, carries, time, points[foot], velocities[foot], yaws[foot], motion)
-        self.settled = feet.spread(self.events.steady(self.clock.time - _SETTLED_S))
+            moving = feet.mean(velocities).tolist()
+            yaws = [] if single else feet.yaws(corners).tolist()
+            for foot, (carries, point) in enumerate(zip(stands, points.tolist(), strict=True)):
+                foothold, position, velocity, acceleration = self._rows[foot]
+                if not carries:
+                    self._swing(foot, time, point, moving[foot], 0.0 if single else yaws[foot], motion)
+                    continue
+                foothold[...] = position[...] = points[foot]
+                if not single:
+                    self.yaws[foot] = yaws[foot]
+                if not self._stood[foot]:
+                    velocity[...] = acceleration[...] = 0.0
+        settled = self.events.steady(self.clock.time - _SETTLED_S)
+        self.settled = settled if single else feet.spread(settled)
         self.ground.update(self._period, corners, self.settled)
-        self._write_normals()
+        if not (self.ground.level and self._level):
+            self._write_normals()
         self._stood = stands
         self.standing = self.events.resting
         self.stepping = not (self.standing or self.clock.rests(time))
 
-    def _below(self, points: Array) -> list[bool] | None:
-        """Return (nf,) which feet in the air are below the ground that they should have found; on rough ground, all."""
-        if self.standing:
-            return None
-        stands = self._stood
-        if self.roughness > 0.0:
-            return [not carries for carries in stands]
+    def _below(self, foot: int) -> bool:
+        """Return whether a foot in the air is below the ground that it should have found; on rough ground, any is."""
+        if self._stood[foot]:
+            return False
         depth = _BELOW_SHARE * self.legs.height
-        found = zip(points[:, 2].tolist(), self.footholds[:, 2].tolist(), stands, strict=True)
-        return [not carries and at < ground - depth for at, ground, carries in found]
+        return self.roughness > 0.0 or bool(self._points[foot, 2] < self.footholds[foot, 2] - depth)
 
     def _write_normals(self) -> None:
         """Write the normals of the whole-body QP's contacts, for its next tick."""
-        if not (self.ground.level and self._level):
-            self._contacts.normals[...] = self.ground.normal
+        self._contacts.normals[...] = self.ground.normal
         self._level = self.ground.level
 
-    def _update_foot(
-        self, foot: int, carries: bool, time: float, point: Array, velocity: Array, yaw: float, motion: BaseMotion
-    ) -> None:
-        if carries:
-            self.footholds[foot] = self.position[foot] = point
-            self.yaws[foot] = yaw
-            self.velocity[foot] = self.acceleration[foot] = 0.0
-            return
+    def _swing(self, foot: int, time: float, point: Vector, velocity: Vector, yaw: float, motion: BaseMotion) -> None:
+        """Move a foot in the air, which lifts off unless it has."""
         searched = self._swings[foot].touchdown <= time and not self.events.searching(foot)
         if self._stood[foot] or searched:  # a foot that found no ground begins its next swing in the air
             if self._headings:
@@ -274,43 +281,46 @@ class Feet:
         for swing in self._swings:
             swing.roughness = self.roughness
 
-    def _lift(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
+    def _lift(self, foot: int, time: float, point: Vector, velocity: Vector, motion: BaseMotion) -> None:
         swing = self.clock.swing(foot, time)
         if swing is None or self.events.searching(foot):
             self._swings[foot].search(time, point)
             return
-        self._aim(foot, time, swing.touchdown, motion)
+        target = self._aim(foot, time, swing.touchdown, motion)
         path = self._swings[foot]
         latest = self.clock.latest_touchdown(foot, time) if self._may_stretch else None
-        path.lift_off(time, swing.touchdown, point, velocity, self.footholds[foot], latest)
+        path.lift_off(time, swing.touchdown, point, velocity, target, latest)
         self.clock.stretch(foot, time, path.touchdown)
 
-    def _move(self, foot: int, time: float, point: Array, velocity: Array, motion: BaseMotion) -> None:
-        path = self._swings[foot]
+    def _move(self, foot: int, time: float, point: Vector, velocity: Vector, motion: BaseMotion) -> None:
+        path, (foothold, *rows) = self._swings[foot], self._rows[foot]
         if not self.events.searching(foot):
-            if path.blocked(point, velocity, self.position[foot], self.velocity[foot], self._period):
+            if path.blocked(point, velocity, rows[0].tolist(), rows[1].tolist(), self._period):
                 self._touch(math.inf)
                 path.step_over(time, point)
                 self.clock.extend(foot, time, path.touchdown)
-            self._aim(foot, time, path.touchdown, motion)
-            if path.retarget(time, self.footholds[foot]):
-                self.clock.stretch(foot, time, path.touchdown)
+            if self._headings or not path.frozen(time):
+                target = self._aim(foot, time, path.touchdown, motion)
+                if path.retarget(time, target):
+                    self.clock.stretch(foot, time, path.touchdown)
         elif self.events.below(foot):
             path.hasten(time)
-        path.sample(time, self.position[foot], self.velocity[foot], self.acceleration[foot])
+        path.sample(time, *rows)
         if self._headings:
             self._headings[foot].retarget(time, path.touchdown, float(self.yaws[foot]))
-        self.footholds[foot] = path.target
+        foothold[...] = path.target
 
-    def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> None:
-        """Write the foothold of the present swing."""
+    def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> Vector:
+        """Write the foothold of the present swing, and return it."""
         stance = self.clock.stance_duration(foot, time)
         others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
         remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
-        self.yaws[foot] = self._planner.heading(motion, remaining, stance)
-        self._nominal[foot, :2] = self._planner.place(foot, motion, remaining, stance, others, width)
-        self._nominal[foot, 2] = self.ground.height_at(*self._nominal[foot, :2].tolist())
-        self.footholds[foot] = self._nominal[foot]
+        if self._headings:
+            self.yaws[foot] = self._planner.heading(motion, remaining, stance)
+        x, y = self._planner.place(foot, motion, remaining, stance, others, width)
+        target = x, y, self.ground.height_at(x, y)
+        self._nominal[foot] = self.footholds[foot] = target
+        return target
 
     def write_contacts(self, time: float, swing: Task) -> None:
         """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""
@@ -349,8 +359,13 @@ class Feet:
 
         The schedule is that of the feet, or of another clock.
         """
-        clock = self.clock if clock is None else clock
         feet, single = self.points, self.points.single
+        horizon.normals[...] = self.ground.normal
+        if clock is None and self.standing:
+            points = feet.place(self.footholds, self.yaws, self.ground.normal)
+            horizon.hold(points, feet.spread(self.stance), friction)
+            return
+        clock = self.clock if clock is None else clock
         flags = horizon.flags if single else np.empty((len(horizon.flags), feet.feet), dtype=np.bool_)
         centres = horizon.points if single else np.empty((*flags.shape, 3))
         clock.horizon(time, dt, flags)
@@ -360,7 +375,6 @@ class Feet:
         self._planner.horizon(clock, motion, time, dt, points, centres, self.stance.tolist(), yaws)
         if yaws is not None:
             horizon.flags[...], horizon.points[...] = flags[:, feet.of], feet.place(centres, yaws, self.ground.normal)
-        horizon.normals[...] = self.ground.normal
         horizon.friction[:] = friction
 
     def _fixed(self, time: float) -> BoolArray:

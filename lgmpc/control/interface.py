@@ -102,10 +102,10 @@ class Command(NamedTuple):
     @property
     def fault(self) -> str:
         """The first element that is not finite, as "tau[2] is nan"; empty if there is none."""
-        total = sum(self.tau.tolist()) + sum(self.q_des.tolist())
-        none = zeros(self.tau.size)
-        if not (self.v_des is none and self.kp is none and self.kd is none):
-            total += sum([*self.v_des.tolist(), *self.kp.tolist(), *self.kd.tolist()])
+        tau, q_des, v_des, kp, kd = self
+        total = sum(tau.tolist()) + sum(q_des.tolist())
+        if not (v_des is kp is kd is zeros(len(tau))):
+            total += sum([*v_des.tolist(), *kp.tolist(), *kd.tolist()])
         if math.isfinite(total):
             return ""
         found = ((name, k, x) for name, each in self._asdict().items() for k, x in enumerate(each.tolist()))

@@ -248,8 +248,8 @@ class LeggedController:
                 self._inputs.reacting = True
                 planner.expire()
             self._forecast_s = perf_counter() - started
-        if follows:
-            planner.follow(time, self._tasks, wbc.contacts)
+        if not (follows and planner.follow(time, self._tasks, wbc.contacts)):
+            self._desired.write_balance(self._tasks)
 
     def _expect(self, planner: Planner | None, solved: bool) -> None:
         """Give the estimators what the new command should lead to."""
@@ -276,7 +276,8 @@ class LeggedController:
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
         performance = self._performer.present
         inputs.maneuver = self._performer.wanted(request)
-        inputs.settled = all(feet.settled) and math.hypot(terms.px, terms.py) < _REST * self.robot.mass
+        if inputs.maneuver:
+            inputs.settled = all(feet.settled) and math.hypot(terms.px, terms.py) < _REST * self.robot.mass
         inputs.performed = performance is not None and performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
         inputs.failure = ""
@@ -383,6 +384,8 @@ class LeggedController:
         )
         wbc.use_stepping_weights(feet.stepping)
         self._desired.write_targets(self._tasks, time, feet.ground)
+        if lifting or self.planner is None:
+            self._desired.write_balance(self._tasks)
         if lifting:
             self._inputs.lifted = self._rise_motion.update(time)
             wbc.external_wrench[2] = self._rise_motion.support * self._weight
@@ -426,10 +429,10 @@ class LeggedController:
 
     def _command(self, state: RobotState) -> Command:
         """Return the command of the whole-body QP's torques; those of the last solution, with damping, if it failed."""
-        torques, joints = self.wbc.tau.copy(), state.q[self._joints]
-        if self.wbc.status is Status.CONVERGED:
-            return self._references.command(torques, joints, state.v[self._rates], self.wbc.acceleration[self._rates])
-        return Command.damping(torques, joints, self.wbc.damping)
+        wbc = self.wbc
+        if wbc.status is Status.CONVERGED:
+            return self._references.command(wbc.tau.copy(), state.q, state.v, wbc.acceleration)
+        return Command.damping(wbc.tau.copy(), state.q[self._joints], wbc.damping)
 
     def _lie(self, state: RobotState) -> Command:
         """Return the command that folds the legs under the trunk and holds them."""

@@ -119,11 +119,11 @@ class Planner:
         """Make the next plan due at the next tick: the present one is based on other contacts."""
         self._expired = True
 
-    def follow(self, time: float, tasks: MotionTasks, contacts: Contacts) -> None:
-        """Write the plan's targets of tasks and forces, unless it is stale."""
+    def follow(self, time: float, tasks: MotionTasks, contacts: Contacts) -> bool:
+        """Write the plan's targets of tasks and forces, unless it is stale; return whether they were written."""
         sampler = self._sampler
         if sampler.plan is None or sampler.plan.status is MpcStatus.STALE:
-            return
+            return False
         row, motion, posture = sampler.row(time), sampler.motion, sampler.posture
         assert motion is not None
         tasks.com.targets_together[...] = sampler.com[row]
@@ -135,6 +135,7 @@ class Planner:
             base.angular_velocity[:] = posture.base_angular_velocity[row]
             joints.position[:] = posture.joint_position[row]
             joints.velocity[:] = posture.joint_velocity[row]
+        return True
 
     def observe(self, momentum: Array, missed: int = 0) -> Array:
         """Return (6,) the external wrench estimated from the measured momentum (6,); call once a tick.

@@ -142,6 +142,7 @@ class DesiredMotion:
         self._offset = offset
         self._mass = robot.mass
         self._grip = -_GRIP_SHARE * float(robot.gravity[2])
+        self._centre: Array = np.zeros(9)  # position, velocity and acceleration of the centre of mass
         self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
 
     def rest(self) -> None:
@@ -181,21 +182,23 @@ class DesiredMotion:
         )  # fmt: skip
 
     def write_targets(self, tasks: MotionTasks, time: float, ground: TerrainBelief) -> None:
-        """Write the desired motion into the tasks: what the whole-body QP tracks where no plan says otherwise."""
-        pose, com, origin = self.builder.pose(self.command, ground), tasks.com, tasks.base_position
+        """Write the desired motion of base and joints into the tasks; those of the balance are the plan's."""
+        pose, origin = self.builder.pose(self.command, ground), tasks.base_position
         self.target[...], self.base_target[...] = pose.com, pose.base_pose
-        com.targets_together[...], origin.targets_together[...] = pose.centre, pose.origin
+        self._centre, origin.targets_together[...] = pose.centre, pose.origin
         tasks.base_orientation.targets_together[...] = pose.attitude
-        tasks.angular_momentum.targets_together[...] = 0.0
         tasks.posture.targets_together[...] = self._standing_joints
         if self._offset is not None:
             offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
             self.target += offset
             self.base_target[:3] += offset
-            com.target.acceleration[:] = acceleration
-            for each in (com.target, origin.target):
-                each.position[:] += offset
-                each.velocity[:] += velocity
+            origin.target.position[:] += offset
+            origin.target.velocity[:] += velocity
+            self._centre = pose.centre + np.concatenate([offset, velocity, acceleration])
+
+    def write_balance(self, tasks: MotionTasks) -> None:
+        """Write the desired motion into the tasks of centre of mass and angular momentum: without a plan to follow."""
+        tasks.com.targets_together[...], tasks.angular_momentum.targets_together[...] = self._centre, 0.0
 
     def write_lift(self, tasks: MotionTasks, lift: RiseMotion, folding: LegFolding) -> None:
         """Move the targets of standing by the lift's offset, and the joints towards the lying posture."""

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+import casadi as ca
+import numpy as np
+
+from lgmpc.compile import StageKernel
 from lgmpc.estimation.checks import number
 from lgmpc.typing import Array
 
@@ -68,24 +72,33 @@ class FrictionMonitor:
         self._sliding_speed_squared = sliding_speed**2
         self._fall = math.exp(-period / fall_time)
         self._rise = 1.0 - math.exp(-period / rise_time)
-        self._speeds_squared: list[float] = []
-        self._smoothing = 1.0 - math.exp(-period / _SMOOTHING)
-        self._velocities: list[tuple[float, float, float]] = []
+        self._smoothing = np.array([1.0 - math.exp(-period / _SMOOTHING)])
+        self._before: list[float] = []  # squared speeds at the last update
+        self._allocate(1)
         self.coefficient = nominal
+
+    def _allocate(self, contacts: int) -> None:
+        """Make the buffers of so many contact points, and the call that smooths their velocities."""
+        self._smoothed, self._measured, self._normals = np.zeros((3, contacts, 3))
+        self._speeds = np.zeros((contacts, 1))
+        self._run: Callable[[], int] = StageKernel.of(_slide).bind(
+            contacts, smoothed=self._smoothed, measured=self._measured, normal=self._normals, share=self._smoothing,
+            smoothed_next=self._smoothed, speed=self._speeds,
+        )  # fmt: skip
 
     def reset(self) -> None:
         """Return to the nominal coefficient."""
-        self.coefficient = self._nominal
-        self._speeds_squared.clear()
-        self._velocities.clear()
+        self.coefficient, self._before = self._nominal, []
 
-    def state(self) -> tuple[float, list[float], list[tuple[float, float, float]]]:
+    def state(self) -> tuple[float, list[float], Array]:
         """Return a copy of the state: coefficient, squared speeds and velocities of the contact points."""
-        return self.coefficient, list(self._speeds_squared), list(self._velocities)
+        return self.coefficient, self._before, self._smoothed.copy()
 
-    def set_state(self, state: tuple[float, list[float], list[tuple[float, float, float]]]) -> None:
+    def set_state(self, state: tuple[float, list[float], Array]) -> None:
         """Continue from another monitor's state."""
-        self.coefficient, self._speeds_squared, self._velocities = state
+        self.coefficient, self._before, smoothed = state
+        self._allocate(len(smoothed))
+        self._smoothed[...] = smoothed
 
     def update(self, contact_velocities: Array, stance: Sequence[bool], forces: Array, normals: Array) -> float:
         """Return the new coefficient.
@@ -96,24 +109,19 @@ class FrictionMonitor:
             forces: (nc, 3) commanded since the last update, world axes, N.
             normals: (nc, 3) unit normals of the surfaces under the feet, world axes.
         """
-        # Plain numbers: for a handful of feet they are faster than NumPy's calls.
-        measured: list[list[float]] = contact_velocities.tolist()
-        velocities, share = self._velocities, self._smoothing
-        if not (velocities and math.isfinite(sum(self._speeds_squared))):
-            velocities = [(0.0, 0.0, 0.0)] * len(measured)
-        smoothed, speeds = [], []
-        for (x, y, z), (vx, vy, vz), (a, b, c) in zip(velocities, measured, normals.tolist(), strict=True):
-            x, y, z = x + share * (vx - x), y + share * (vy - y), z + share * (vz - z)
-            smoothed.append((x, y, z))
-            out = a * x + b * y + c * z
-            u, v, w = x - out * a, y - out * b, z - out * c
-            along = u * u + v * v + w * w
-            # A foot that rolls off an edge sinks as it slides, which is no evidence of friction.
-            speeds.append(along if out * out < _SINKING * along else 0.0)
-        before, least = self._speeds_squared or speeds, self._sliding_speed_squared
-        self._velocities, self._speeds_squared = smoothed, speeds
+        before = self._before
+        if not before or not math.isfinite(sum(before)):
+            if len(contact_velocities) != len(self._smoothed):
+                self._allocate(len(contact_velocities))
+            self._smoothed[...] = 0.0
+        self._measured[...], self._normals[...] = contact_velocities, normals
+        self._run()
+        self._before = speeds = self._speeds[:, 0].tolist()
+        least = self._sliding_speed_squared
+        if self.coefficient == self._nominal and max(speeds) <= least:
+            return self.coefficient
         sliding = [foot for foot, speed in enumerate(speeds) if speed > least and stance[foot]]
-        faster = [foot for foot in sliding if speeds[foot] >= before[foot]]
+        faster = [foot for foot in sliding if not before or speeds[foot] >= before[foot]]
         if faster:
             slopes = [_slope(*pair) for pair in zip(forces[faster].tolist(), normals[faster].tolist(), strict=True)]
             bound = max(min(slopes), _LEAST_SHARE * self.coefficient)
@@ -121,6 +129,22 @@ class FrictionMonitor:
         elif not sliding and self.coefficient < self._nominal:
             self.coefficient += self._rise * (self._nominal - self.coefficient)
         return self.coefficient
+
+
+def _slide() -> ca.Function:
+    """Return a contact point's smoothed velocity, and the square of its part along the surface."""
+    smoothed, measured, normal, share = (ca.SX.sym(name, n) for name, n in zip("vmns", (3, 3, 3, 1), strict=True))
+    velocity = smoothed + share * (measured - smoothed)
+    (x, y, z), (a, b, c) = ca.vertsplit(velocity), ca.vertsplit(normal)
+    out = a * x + b * y + c * z
+    u, v, w = x - out * a, y - out * b, z - out * c
+    along = u * u + v * v + w * w
+    # A foot that rolls off an edge sinks as it slides, which is no evidence of friction.
+    speed = ca.if_else(out * out < _SINKING * along, along, 0.0)
+    names = ["smoothed", "measured", "normal", "share"]
+    return ca.Function(
+        "foot_slide", [smoothed, measured, normal, share], [velocity, speed], names, ["smoothed_next", "speed"]
+    )
 
 
 def _slope(force: Sequence[float], normal: Sequence[float]) -> float:

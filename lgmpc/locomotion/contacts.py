@@ -12,7 +12,7 @@ measurement of that time arrives; waiting for it would delay every touchdown by 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from enum import Enum
 
 import numpy as np
@@ -84,6 +84,9 @@ class ContactState(Enum):
         return self is ContactState.STANCE or self is ContactState.EARLY
 
 
+_SEARCHING = frozenset({ContactState.LATE, ContactState.MISSING, ContactState.LOST})
+
+
 class ContactEvents:
     """Advances the schedule of a clock, and corrects it where measured contacts differ.
 
@@ -115,19 +118,21 @@ class ContactEvents:
         self.since = [-np.inf if stands else clock.time for stands in flags]
         self.resting = False
         self._full = [1.0] * nc
-        self._nowhere: Sequence[bool] = [False] * nc
-        self._below: Sequence[bool] = self._nowhere
+        self._below: Callable[[int], bool] = _nowhere
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
         self._due = [math.inf] * nc  # a touchdown that was scheduled and is not measured yet, s
 
-    def update(self, t: float, contacts: BoolArray | None = None, below: Sequence[bool] | None = None) -> BoolArray:
+    def update(
+        self, t: float, contacts: BoolArray | None = None, below: Callable[[int], bool] | None = None
+    ) -> BoolArray:
         """Compare schedule and measurement at time ``t``, and advance the clock.
 
         Args:
             t: time, s, not before that of the last update.
             contacts: (nc,) measured at ``t - age``; None where nothing is: then the schedule is followed.
-            below: (nc,) which feet are below the height at which they should have found the ground; none unless given.
+            below: returns whether a foot is below the height at which it should have found the ground; called, until
+                the next update, for feet that search for it. None is unless given.
 
         Returns:
             :attr:`stance`.
@@ -142,7 +147,7 @@ class ContactEvents:
         if self.resting and measured is not None:
             self.clock.advance(t)  # all stand, whatever they measure
             return self.stance
-        self._below = below if below is not None else self._nowhere
+        self._below = _nowhere if below is None else below
         # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
         feet = range(self.clock.nc)
         landed = [carried and due == math.inf for carried, due in zip(carries, self._due, strict=True)]
@@ -189,18 +194,18 @@ class ContactEvents:
         if before is ContactState.LATE:
             return ContactState.STANCE if touching else self._wait(foot, t)
         if before is ContactState.MISSING or before is ContactState.LOST:
-            if not touched and self._below[foot] and t - self.since[foot] < self._max_search:
+            if not touched and self._below(foot) and t - self.since[foot] < self._max_search:
                 clock.hold(foot, t + self._expected(foot, t))
             return ContactState.STANCE if touched else before
+        if touching or persists < s.lost_time_s or t - self.since[foot] < s.lost_time_s:
+            return before
         # A foot that stands for good is held in place while a push unloads it: it has nowhere else to go.
-        ends = math.isfinite(clock.next_liftoff(foot, t))
-        lost = ends and not touching and persists >= s.lost_time_s and t - self.since[foot] >= s.lost_time_s
-        return ContactState.LOST if lost else before
+        return ContactState.LOST if math.isfinite(clock.next_liftoff(foot, t)) else before
 
     def _wait(self, foot: int, t: float) -> ContactState:
         """Delay the schedule for a foot whose touchdown is due, up to the longest wait."""
         begin = self.since[foot] if self.states[foot] is ContactState.LATE else t
-        if t - begin >= (self._max_search if self._below[foot] else self.settings.max_late_s):
+        if t - begin >= (self._max_search if self._below(foot) else self.settings.max_late_s):
             self.clock.touch_down(foot, t)
             return ContactState.MISSING
         self.clock.extend(foot, t, t + self._expected(foot, t))
@@ -216,11 +221,11 @@ class ContactEvents:
 
     def below(self, foot: int) -> bool:
         """Return whether a foot searches below the height at which it should have found the ground."""
-        return self._below[foot] and self.searching(foot)
+        return self.searching(foot) and self._below(foot)
 
     def searching(self, foot: int) -> bool:
         """Return whether a foot descends in search of the ground beyond its schedule."""
-        return self.states[foot] in (ContactState.LATE, ContactState.MISSING, ContactState.LOST)
+        return self.states[foot] in _SEARCHING
 
     def steady(self, since: float) -> list[bool]:
         """Return (nc,) which feet have carried since before ``since``, s, and touch the ground now.
@@ -259,3 +264,7 @@ class ContactEvents:
             left = [self.clock.next_liftoff(foot, t) - t for foot in range(len(shares))]
             shares = [min(share, time / s.release_s) for share, time in zip(shares, left, strict=True)]
         return [max(share, 0.0) for share in shares]
+
+
+def _nowhere(foot: int) -> bool:
+    return False

@@ -177,6 +177,9 @@ class FootholdPlanner:
         self._beside = legs.sole[1] + _GAP if legs.sole[1] > 0.0 else 0.0
         self.normals = [(float(x), float(y)) for x, y, _ in legs.normals]
         self._towards = [_oblique(*pair) for pair in zip(self.normals, self._walking, strict=True)]
+        self._stance = math.nan  # s, to which the next three belong: a stance has the same duration for many ticks
+        self._neutral = self._gain = 0.0
+        self._reaches: tuple[float, list[float]] = (math.nan, [])  # height, and the reach of every leg at it
 
     def place(
         self,
@@ -255,9 +258,11 @@ class FootholdPlanner:
         wx, wy = _turn(motion.commanded_vx + after * ramp.ax, motion.commanded_vy + after * ramp.ay, turned)
         # To the middle of the stance: the path of the centre of mass turns by half of the base's rotation.
         nx, ny = _turn(vx, vy, 0.5 * omega * half)
-        neutral = math.tanh(0.5 * rate * stance) / rate
+        if stance != self._stance:
+            self._stance, self._neutral = stance, math.tanh(0.5 * rate * stance) / rate
+            self._gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
+        neutral, gain = self._neutral, self._gain
         rolled = self._rolling * neutral
-        gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
         outward = s.centrifugal * omega / (rate * rate)
         ahead, left = self.feet[foot]
         if stance < math.inf:
@@ -270,7 +275,9 @@ class FootholdPlanner:
         if shift > most:
             bx, by = bx * most / shift, by * most / shift
         ax, ay = s.position_feedback * ax, s.position_feedback * ay
-        if stance < math.inf:  # where the weight's moment about the feet balances that of the load
+        if stance < math.inf and (
+            motion.load_x or motion.load_y
+        ):  # where the weight's moment about the feet balances that of the load
             aside, along = _turn(*self.normals[foot], motion.yaw + turned)
             across = aside * motion.load_x + along * motion.load_y  # planar legs have no foothold against it
             ax += (motion.load_x - across * aside) / (rate * rate)
@@ -288,14 +295,21 @@ class FootholdPlanner:
         middle of the feet meets that plane: on a diagonal of feet, only the distance of the centre of mass from their
         line determines how the robot falls.
         """
-        near = [_turn(x - com[0], y - com[1], -yaw) for x, y in others]  # in the axes of the base at touchdown
-        x, y = self._clear(foot, _turn(point[0] - com[0], point[1] - com[1], -yaw), near)
+        (cx, cy), c, s = com, math.cos(yaw), math.sin(yaw)
+        # In the axes of the base at touchdown.
+        near = [(c * (x - cx) + s * (y - cy), c * (y - cy) - s * (x - cx)) for x, y in others]
+        x, y = point[0] - cx, point[1] - cy
+        wanted = c * x + s * y, c * y - s * x
+        before = apart = self._clear(foot, wanted, near)
         for _ in range(_PROJECTIONS):
-            x, y = self._reachable(foot, x, y, motion.height)
-            apart = self._clear(foot, (x, y), near)
-            if apart == (x, y):
+            point = self._reachable(foot, *apart, motion.height)
+            if point == before == wanted:  # clear, and within reach
+                apart = point
                 break
-            x, y = apart
+            apart = self._clear(foot, point, near)
+            if apart == point:
+                break
+        x, y = apart
         nx, ny = self.normals[foot]
         if nx or ny:
             (fx, fy), (tx, ty) = self.feet[foot], self._towards[foot]
@@ -303,8 +317,7 @@ class FootholdPlanner:
             tilted = (self.height + motion.height) * (nx * motion.rise_ahead + ny * motion.rise_left)
             out = nx * (x - fx) + ny * (y - fy) - tilted
             x, y = x - out * tx, y - out * ty
-        x, y = _turn(x, y, yaw)
-        return com[0] + x, com[1] + y
+        return cx + (c * x - s * y), cy + (s * x + c * y)
 
     def _clear(self, foot: int, point: Point, others: Sequence[Point]) -> Point:
         """Return the point moved away from each of the other feet that is nearer than the least distance."""
@@ -314,10 +327,10 @@ class FootholdPlanner:
             for _, oy in others:
                 y = max(y, oy + self._beside) if left else min(y, oy - self._beside)
             return x, y
+        least = self.spacing - _ROUNDING
         for ox, oy in others:
             dx, dy = x - ox, y - oy
-            distance = math.hypot(dx, dy)
-            if distance < self.spacing - _ROUNDING:
+            if abs(dx) < least and abs(dy) < least and (distance := math.hypot(dx, dy)) < least:
                 if distance == 0.0:
                     dx, dy = self.feet[foot]
                     distance = math.hypot(dx, dy)
@@ -330,7 +343,9 @@ class FootholdPlanner:
         y = max(y, side) if left > 0.0 else min(y, side) if left < 0.0 else y
         hx, hy = self.hips[foot]
         dx, dy = x - hx, y - hy
-        distance, reach = math.hypot(dx, dy), self.reach(foot, height)
+        if height != self._reaches[0]:
+            self._reaches = height, [self.reach(each, height) for each in range(len(self.hips))]
+        distance, reach = math.hypot(dx, dy), self._reaches[1][foot]
         if distance > reach:
             x, y = hx + dx * reach / distance, hy + dy * reach / distance
         return x, y

@@ -12,6 +12,8 @@ longer than the gait's swing: as long as the acceleration stays within its limit
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from typing import Union
 
 from pydantic import Field
 
@@ -37,6 +39,7 @@ _AGAIN_SHARE = 0.7  # of a swing's duration, for the step over an obstacle
 
 Coefficients = tuple[float, float, float, float, float, float]
 State = tuple[float, float, float]  # position, velocity, acceleration
+Vector = Union[Sequence[float], Array]  # noqa: UP007 - (3,); plain numbers are faster
 
 
 class SwingSettings(Settings):
@@ -120,9 +123,9 @@ class SwingTrajectory:
         self,
         t: float,
         touchdown: float,
-        position: Array,
-        velocity: Array,
-        target: Array,
+        position: Vector,
+        velocity: Vector,
+        target: Vector,
         latest: float | None = None,
     ) -> None:
         """Begin a swing.
@@ -153,7 +156,7 @@ class SwingTrajectory:
         else:
             self._plan_plane(t, x, y)
 
-    def put_down(self, t: float, touchdown: float, position: Array) -> None:
+    def put_down(self, t: float, touchdown: float, position: Vector) -> None:
         """Begin a swing, without rising, of a foot that is in the air at ``position`` (3,), at rest, already."""
         self.liftoff = self._apex_time = t
         self.touchdown = self._latest = touchdown
@@ -162,7 +165,7 @@ class SwingTrajectory:
         self._plan_fall(t, (z, 0.0, 0.0))
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
-    def blocked(self, position: Array, velocity: Array, wanted: Array, moving: Array, period: float = 0.0) -> bool:
+    def blocked(self, position: Vector, velocity: Vector, wanted: Vector, moving: Vector, period: float = 0.0) -> bool:
         """Return whether an obstacle holds the foot back: it is behind its path, and does not catch up.
 
         Args:
@@ -176,11 +179,11 @@ class SwingTrajectory:
         speed = math.hypot(vx, vy)
         if speed < _LEAST_SPEED:
             return False
-        x, y, _ = (wanted - position).tolist()
+        x, y = float(wanted[0] - position[0]), float(wanted[1] - position[1])
         behind = vx * x + vy * y > (self._obstructed + _LOST_COMMANDS * period * speed) * speed
         return behind and vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
 
-    def step_over(self, t: float, position: Array) -> None:
+    def step_over(self, t: float, position: Vector) -> None:
         """Begin again from ``position`` (3,), where an obstacle holds the foot: upwards, and from there on ahead."""
         duration = max(_AGAIN_SHARE * (self.touchdown - self.liftoff), self.touchdown - t)
         self.touchdown = self._latest = t + duration
@@ -196,7 +199,7 @@ class SwingTrajectory:
         """Return whether the swing is too advanced for another target."""
         return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff)
 
-    def retarget(self, t: float, target: Array) -> bool:
+    def retarget(self, t: float, target: Vector) -> bool:
         """Move the target (3,), unless the swing is too advanced; return whether it moved. The touchdown may, too."""
         if self.frozen(t):
             return False
@@ -213,7 +216,7 @@ class SwingTrajectory:
             self._plan_fall(begin, self._height(begin))
         return True
 
-    def search(self, t: float, position: Array) -> None:
+    def search(self, t: float, position: Vector) -> None:
         """Descend at the touchdown speed from ``position`` (3,) on: a stance foot lost its contact."""
         self.liftoff = self.touchdown = self._apex_time = t
         self._hastened = math.inf

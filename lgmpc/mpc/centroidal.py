@@ -16,7 +16,7 @@ from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
-from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
+from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.settings import NonNegative, Settings, Vector3
@@ -163,7 +163,7 @@ class CentroidalMpc(SqpMpc):
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
 
     def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
-        return self._make_plan(t, trajectory.xs, self._forces(result), result.kkt)
+        return self._make_plan(t, trajectory.xs, self._forces(result))
 
     def _forces(self, result: Solution) -> Array:
         """Return (N, nc, 3) forces of the contacts, world axes; those of an iterate are moved into their cones."""
@@ -183,4 +183,4 @@ class CentroidalMpc(SqpMpc):
         n = self.settings.nodes
         x = np.concatenate([np.nan_to_num(self._x_reference[0, :3]), np.zeros(6)])
         forces = np.nan_to_num(self._shares()[:n])
-        return self._make_plan(t, np.tile(x, (n + 1, 1)), forces, KktResidual.unknown())
+        return self._make_plan(t, np.tile(x, (n + 1, 1)), forces)

@@ -26,7 +26,7 @@ from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import Plan, PosturePlan
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import SqpMpc, input_error, write_intervals
-from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
+from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, touching
 from lgmpc.robot.scaling import weight_factor
@@ -218,7 +218,6 @@ class FullBodyMpc(SqpMpc):
             t,
             np.hstack([com, momentum]),
             forces[:nodes].reshape(nodes, -1, 3) * self._flags[:nodes, :, None],
-            result.kkt,
         )
         return self._with_posture(plan, trajectory.xs[:, : self.robot.nq].copy(), vs.copy())
 
@@ -233,7 +232,7 @@ class FullBodyMpc(SqpMpc):
                 (self._q_reference, robot.q_reference),
             )
         )
-        plan = self._make_plan(t, xs, forces, KktResidual.unknown())
+        plan = self._make_plan(t, xs, forces)
         return self._with_posture(plan, q, np.zeros((n + 1, robot.nv)))
 
     def _with_posture(self, plan: Plan, qs: Array, vs: Array) -> Plan:

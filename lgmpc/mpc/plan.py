@@ -12,7 +12,6 @@ import numpy as np
 
 from lgmpc.compile import StageKernel
 from lgmpc.lie import quaternion, so3
-from lgmpc.ocp import KktResidual
 from lgmpc.typing import Array
 
 __all__ = ["MotionSample", "MotionSampler", "MpcStatus", "Plan", "PosturePlan", "PostureSample"]
@@ -124,7 +123,6 @@ class Plan:
         forces: (N, nc, 3) contact forces, each constant from its node to the next; exactly zero for feet in the air.
         status: origin of the plan.
         qp_iterations: of the QP solver in the update that returned this plan.
-        kkt: residual of the last subproblem's optimality conditions, when the plan was made.
         update_time: computing time of the whole update, s.
         posture: of base and joints, None if the model has none.
     """
@@ -136,7 +134,6 @@ class Plan:
     forces: Array
     status: MpcStatus
     qp_iterations: int
-    kkt: KktResidual
     update_time: float
     posture: PosturePlan | None = None
 
@@ -154,8 +151,8 @@ class Plan:
     def stamped(self, status: MpcStatus, qp_iterations: int, update_time: float) -> Plan:
         """Return the same motion as the result of an update (dataclasses.replace takes four times as long)."""
         return Plan(
-            self.time, self.node_duration, self.mass, self.xs, self.forces, status, qp_iterations, self.kkt,
-            update_time, self.posture,
+            self.time, self.node_duration, self.mass, self.xs, self.forces, status, qp_iterations, update_time,
+            self.posture,
         )  # fmt: skip
 
     def sample(self, t: float) -> MotionSample:

@@ -46,10 +46,13 @@ class CentroidalReference:
         self._attitude, self._rotation, self._inertia = np.zeros(4), np.zeros((3, 3)), np.zeros((3, 3))
         fading = uprighting_rate * np.exp(-uprighting_rate * node_s * np.arange(nodes))
         com, com_velocity, angular_velocity = self._motion
+        turn, rotation = np.zeros(3), self._rotation.reshape(-1)
+        self._turn = StageKernel.of(_turn, progress=progress).bind(
+            1, attitude=self._attitude, rotation=rotation, turn=turn
+        )
         self._run = StageKernel.of(_centroidal_reference, progress=progress).bind(
             nodes, com=com, com_velocity=com_velocity, angular_velocity=angular_velocity, fading=fading[:, None],
-            mass=np.array([mass]), attitude=self._attitude, rotation=self._rotation.reshape(-1),
-            inertia=self._inertia.reshape(-1), x_reference=target,
+            mass=np.array([mass]), turn=turn, rotation=rotation, inertia=self._inertia.reshape(-1), x_reference=target,
         )  # fmt: skip
 
     def write(self, state: MeasuredState, reference: MotionReference) -> None:
@@ -66,15 +69,23 @@ class CentroidalReference:
         self._attitude[:] = reference.q[0, 3:7]
         self._rotation[...] = state.rotation
         self._inertia[...] = state.inertia
+        self._turn()
         self._run()
+
+
+def _turn() -> ca.Function:
+    """Return the rotation vector from a measured to a desired orientation; matrices are stored row by row."""
+    attitude, stored = ca.SX.sym("attitude", 4), ca.SX.sym("rotation", 9)
+    rotation = ca.reshape(stored, 3, 3).T
+    turn = so3.log(ca.mtimes(rotation.T, quaternion.to_matrix(attitude)))
+    return ca.Function("turn_to_reference", [attitude, stored], [turn], ["attitude", "rotation"], ["turn"])
 
 
 def _centroidal_reference() -> ca.Function:
     """Return the reference at one node; matrices are stored row by row."""
-    sizes = {"com": 3, "com_velocity": 3, "angular_velocity": 3, "fading": 1, "mass": 1, "attitude": 4}
+    sizes = {"com": 3, "com_velocity": 3, "angular_velocity": 3, "fading": 1, "mass": 1, "turn": 3}
     s = {name: ca.SX.sym(name, size) for name, size in {**sizes, "rotation": 9, "inertia": 9}.items()}
     rotation, inertia = (ca.reshape(s[name], 3, 3).T for name in ("rotation", "inertia"))
-    turn = so3.log(ca.mtimes(rotation.T, quaternion.to_matrix(s["attitude"])))
-    turning = s["fading"] * turn + ca.mtimes(rotation.T, s["angular_velocity"])
+    turning = s["fading"] * s["turn"] + ca.mtimes(rotation.T, s["angular_velocity"])
     x = ca.vertcat(s["com"], s["mass"] * s["com_velocity"], ca.mtimes(inertia, turning))
     return ca.Function("centroidal_reference", list(s.values()), [x], list(s), ["x_reference"])

@@ -16,7 +16,7 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.settings import MpcSettings
-from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
+from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
 from lgmpc.solvers.qp import ActiveSetSolver
 from lgmpc.typing import Array, BoolArray, IntArray
@@ -204,11 +204,11 @@ class SqpMpc(ABC):
         """Return (N+1, nc, 3) forces that hold the weight, an even share for each foot in contact."""
         return weight_shares(self._flags, self._weight)
 
-    def _make_plan(self, t: float, xs: Array, forces: Array, kkt: KktResidual) -> Plan:
+    def _make_plan(self, t: float, xs: Array, forces: Array) -> Plan:
         """Return a plan whose status and timing are filled in later."""
         xs.flags.writeable = forces.flags.writeable = False
         node_s, status = self.settings.node_s, MpcStatus.NOT_FINITE
-        return Plan(t, node_s, self.mass, xs, forces, status, 0, kkt, 0.0)
+        return Plan(t, node_s, self.mass, xs, forces, status, 0, 0.0)
 
 
 def checked_mass(mass: float) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, Spent, StateLink, TimingSettings
 from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["Disturbance", "Hardware", "Loop", "Rates", "Sensing", "Tick", "TrueState", "simulate", "true_state"]
 
@@ -269,8 +270,16 @@ def true_state(sample: PlantSample) -> RobotState:
     A foot that hits a riser does not stand there.
     """
     forces = sample.contact_forces.tolist()  # plain numbers: faster than NumPy's calls for a handful of feet
-    pushed = [z > 0.0 and z * z >= _UPWARD * (x * x + y * y) for x, y, z in forces]
-    return RobotState(sample.time, sample.q, sample.v, np.array(pushed, dtype=np.bool_))
+    pushed = tuple([z > 0.0 and z * z >= _UPWARD * (x * x + y * y) for x, y, z in forces])
+    return RobotState(sample.time, sample.q, sample.v, _flags(pushed))
+
+
+@lru_cache(maxsize=256)
+def _flags(flags: tuple[bool, ...]) -> BoolArray:
+    """Return the read-only array of some flags."""
+    array = np.array(flags, dtype=np.bool_)
+    array.flags.writeable = False
+    return array
 
 
 class _Recorded:

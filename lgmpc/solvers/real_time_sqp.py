@@ -15,6 +15,7 @@ import math
 import time
 from collections.abc import Callable
 
+import casadi as ca
 import numpy as np
 
 from lgmpc.compile import BatchKernel, StageKernel, cached
@@ -70,6 +71,14 @@ class RealTimeSqp:
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
         self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
         self._subtract = subtract.bind(1, x0=self.xs[0], x1=self._x0, dx=self._dx0)
+        point = self.qp_solver.solution
+        self._shifts = [
+            StageKernel.of(_shift, array.shape[1], progress=progress).bind(
+                problem.nodes - 1, row=array, row_next=array[1:], fraction=self._fraction, moved=array
+            )
+            for array in (self.us, point.costates, point.multipliers)
+            if array.size
+        ]
         self._preparation, self._none = 0.0, np.zeros((0, problem.nu, state.ndx))
 
     @property
@@ -96,9 +105,8 @@ class RealTimeSqp:
         self._functions.xs_base[...] = self.xs
         self._fraction[0] = fraction if type(fraction) is float else numbers("fraction", fraction, ())
         self._move()
-        point = self.qp_solver.solution
-        for array in (self.us, point.costates, point.multipliers):
-            array[:-1] += fraction * (array[1:] - array[:-1])
+        for shift in self._shifts:
+            shift()
 
     def prepare(self) -> None:
         """Expand the problem around the current trajectory and pass the matrices to the QP solver."""
@@ -110,18 +118,24 @@ class RealTimeSqp:
     def feedback(self, x0: Array) -> Solution:
         """Solve the prepared subproblem for the measured state x0 (nx,) and take the full step; never raises.
 
-        The status is STEPPED, ACCEPTABLE after a subproblem that was solved roughly, or TIME_LIMIT. When the subproblem
+        The status is STEPPED, ACCEPTABLE after a subproblem that was solved roughly, or TIME_LIMIT; of these two the
+        solution has the residual of the optimality conditions (that of all is :meth:`residual`). When the subproblem
         has no usable solution the status is the QP solver's, and the current trajectory stays as it was.
         """
         start = time.perf_counter()
         status, point = self._step(x0), self.qp_solver.solution
-        kkt = self._kkt.residual(*point.arrays) if status.usable else KktResidual.unknown()
+        rough = status in (Status.ACCEPTABLE, Status.TIME_LIMIT)
+        kkt = self.residual() if rough else KktResidual.unknown()
         elapsed = time.perf_counter() - start
         return Solution(
             self.problem, self.xs.copy(), self.us.copy(), self._none, self._none[:, 0], point.costates.copy(),
             point.multipliers.copy(), status, 1, math.nan, self._none[:, 0], kkt,
             Timings(self._preparation + elapsed, self._preparation, elapsed), qp_iterations=self.qp_solver.iterations,
         )  # fmt: skip
+
+    def residual(self) -> KktResidual:
+        """Return the residual of the last subproblem's optimality conditions at its solution."""
+        return self._kkt.residual(*self.qp_solver.solution.arrays)
 
     def _step(self, x0: Array) -> Status:
         f, step = self._functions, self.qp_solver.solution
@@ -139,3 +153,10 @@ class RealTimeSqp:
 def _compile(state: State, progress: Callable[[str], None] | None) -> tuple[BatchKernel, StageKernel]:
     """Return the shift of states in time, and their difference."""
     return BatchKernel(advance(state), progress), StageKernel(difference(state), progress)
+
+
+def _shift(size: int) -> ca.Function:
+    """Return a row of numbers, moved by a fraction of the way towards the next one."""
+    row, row_next, fraction = ca.SX.sym("row", size), ca.SX.sym("row_next", size), ca.SX.sym("fraction")
+    moved = row + fraction * (row_next - row)
+    return ca.Function(f"shift_{size}", [row, row_next, fraction], [moved], ["row", "row_next", "fraction"], ["moved"])

@@ -119,8 +119,9 @@ class WholeBodyQp:
         self._flags = np.zeros(robot.nc)
         self._friction: list[float] = []
         self._bias = np.zeros(nu)
-        self._magnitude = np.zeros(1)
+        self._summary = np.zeros(2)
         self._axes = np.zeros((3 * robot.nc, 3 * robot.nc))
+        self._level = False
         limits = np.array(
             [robot.effort_limit, robot.joint_lower, robot.joint_upper, robot.velocity_limit], dtype=np.float64
         )
@@ -164,7 +165,7 @@ class WholeBodyQp:
             box_upper=s.box_upper[base:],
             **({} if patches.single else {"foot_lower": s.lower[pyramids:], "foot_upper": s.upper[pyramids:]}),
             bias=self._bias,
-            magnitude=self._magnitude,
+            summary=self._summary,
             axes=self._axes.reshape(-1),
         )
 
@@ -185,7 +186,9 @@ class WholeBodyQp:
         if friction != self._friction:
             self._write_friction(friction)
         self._run()
-        return float(self._magnitude[0]) + sum(map(self._add, self._numeric))
+        magnitude, slope = self._summary.tolist()
+        self._level = slope == 0.0
+        return float(magnitude) + sum(map(self._add, self._numeric)) if self._numeric else magnitude
 
     def write_torques(self, torques: Array) -> None:
         """Write the joint torques (nu,) of the solver's solution: ``M_j a + h_j + tau_f - J_cj^T f``."""
@@ -193,7 +196,10 @@ class WholeBodyQp:
 
     def write_forces(self, forces: Array) -> None:
         """Write the contact forces (3 nc,), world axes, of the solver's solution, N."""
-        np.dot(self._axes, self._forces, out=forces)
+        if self._level:  # the surfaces' axes are the world's
+            forces[...] = self._forces
+        else:
+            np.dot(self._axes, self._forces, out=forces)
 
     def _write_friction(self, friction: list[float]) -> None:
         self._friction = friction
@@ -264,7 +270,7 @@ def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
         "box_lower": box_lower,
         "box_upper": box_upper,
         "bias": on_joints,
-        "magnitude": magnitude,
+        "summary": ca.vertcat(magnitude, ca.sumsqr(ca.reshape(given["normals"], 3, nc)[:2, :])),
         "axes": ca.densify(axes.T),
     }
     if soles:
@@ -291,6 +297,7 @@ def _joint_bounds(q: Any, v: Any, lowest: Any, highest: Any, fastest: Any, horiz
 def _force_bounds(stance: Any, lowest: Any, highest: Any) -> tuple[Any, Any]:
     """Return bounds on the forces (3 nc,): of feet that can carry, the pyramid alone bounds the tangential parts."""
     carries = ca.logic_and(stance, highest > 0.0)
-    free = ca.repmat(ca.if_else(carries, WholeBodySolver.UNBOUNDED, 0.0).T, 2, 1)
+    # Not the negative of the upper bound: forces of feet in the air would be negative zeros.
+    below, above = (ca.repmat(ca.if_else(carries, sign * WholeBodySolver.UNBOUNDED, 0.0).T, 2, 1) for sign in (-1, 1))
     normal_lower, normal_upper = (ca.if_else(carries, bound, 0.0).T for bound in (lowest, highest))
-    return ca.vec(ca.vertcat(-free, normal_lower)), ca.vec(ca.vertcat(free, normal_upper))
+    return ca.vec(ca.vertcat(below, normal_lower)), ca.vec(ca.vertcat(above, normal_upper))

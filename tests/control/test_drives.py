@@ -22,9 +22,10 @@ def robot() -> Robot:
 
 def test_references_are_where_constant_accelerations_lead(robot: Robot) -> None:
     rng = np.random.default_rng(1)
-    tau, q, v, a = rng.normal(size=(4, robot.nu))
+    tau, (whole_q, whole_v, whole_a) = rng.normal(size=robot.nu), rng.normal(size=(3, robot.nq))
     gains = DriveSettings(kp_nm_rad={"*_KFE": 3.0, "FL_KFE": 4.0}, kd_nms_rad=0.1)
-    command = JointReferences(robot, gains, PERIOD).command(tau, q, v, a)
+    command = JointReferences(robot, gains, PERIOD).command(tau, whole_q, whole_v[:-1], whole_a[:-1])
+    q, v, a = whole_q[7:], whole_v[6:-1], whole_a[6:-1]
     at_knees = np.array(["KFE" in name for name in robot.joint_names])
     np.testing.assert_array_equal(command.kp > 0.0, at_knees)
     assert command.kp[robot.joint_names.index("FL_KFE")] == 4.0 and (command.kd == 0.1).all()
@@ -36,8 +37,9 @@ def test_references_are_where_constant_accelerations_lead(robot: Robot) -> None:
 
 
 def test_without_gains_the_torques_are_those_of_the_qp(robot: Robot) -> None:
-    tau, q, v, a = np.random.default_rng(2).normal(size=(4, robot.nu))
-    command = JointReferences(robot, DriveSettings(), PERIOD).command(tau, q, v, a)
+    rng = np.random.default_rng(2)
+    tau, q, v = rng.normal(size=robot.nu), rng.normal(size=robot.nq), rng.normal(size=robot.nv)
+    command = JointReferences(robot, DriveSettings(), PERIOD).command(tau, q, v, np.zeros(robot.nv))
     assert command.torque(q + 1.0, v + 1.0) is tau and not command.kp.any() and not command.kd.any()
     same = Command(*(each.copy() for each in command))  # as it arrives over a link
     np.testing.assert_array_equal(same.torque(q + 1.0, v + 1.0), tau)

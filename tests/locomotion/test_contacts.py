@@ -39,7 +39,7 @@ class Script:
             if floor is not None:
                 floor(self.t, contacts)
             self.arriving.append(contacts)
-            self.events.update(self.t, self.arriving.popleft(), self.below)
+            self.events.update(self.t, self.arriving.popleft(), lambda foot: self.below[foot])
             self.history.append((self.t, self.events.states[0]))
             self.t += TICK
 

@@ -29,6 +29,7 @@ from lgmpc.locomotion.gait import Gait
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
 from lgmpc.status import Status
+from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
 __all__ = ["LeggedController"]
@@ -343,24 +344,25 @@ class LeggedController:
     def _end_maneuver(self, time: float) -> None:
         """Stand where the feet are."""
         self._performer.end()
-        terms = self.wbc.terms
-        self.feet.begin(time, terms.contact_points, None)
-        self._desired.rest()
-        self._desired.builder.begin(self.feet.legs.above(terms.contact_points, terms.yaw), terms.yaw)
+        self._begin_at_feet(time)
         if self.planner is not None:
             self.planner.reset()
 
     def _begin_rising(self, time: float) -> None:
         """Stand where the feet are, and begin the way there from the belly."""
-        terms, yaw = self.wbc.terms, self.wbc.terms.yaw
         self.wbc.stand()
         self.wbc.contacts.target_forces[:] = self._standing_forces
         self.floor.reset()
+        self._rise_motion.begin(time, self.wbc.terms.com - self._begin_at_feet(time), np.zeros(3))
+
+    def _begin_at_feet(self, time: float) -> Array:
+        """Begin to stand on the feet where they are, above which the centre of mass (3,) then belongs; return it."""
+        terms = self.wbc.terms
         self.feet.begin(time, terms.contact_points, None)
         self._desired.rest()
-        standing = self.feet.legs.above(terms.contact_points, yaw)
-        self._desired.builder.begin(standing, yaw)
-        self._rise_motion.begin(time, terms.com - standing, np.zeros(3))
+        standing = self.feet.legs.above(terms.contact_points, terms.yaw)
+        self._desired.builder.begin(standing, terms.yaw)
+        return standing
 
     def _step(self, state: RobotState, request: MotionCommand) -> None:
         """Advance command, desired motion and feet, and write what the whole-body QP takes of them."""
@@ -429,10 +431,9 @@ class LeggedController:
 
     def _command(self, state: RobotState) -> Command:
         """Return the command of the whole-body QP's torques; those of the last solution, with damping, if it failed."""
-        wbc = self.wbc
-        if wbc.status is Status.CONVERGED:
-            return self._references.command(wbc.tau.copy(), state.q, state.v, wbc.acceleration)
-        return Command.damping(wbc.tau.copy(), state.q[self._joints], wbc.damping)
+        if self.wbc.status is Status.CONVERGED:
+            return self._references.command(self.wbc.tau.copy(), state.q, state.v, self.wbc.acceleration)
+        return Command.damping(self.wbc.tau.copy(), state.q[self._joints], self.wbc.damping)
 
     def _lie(self, state: RobotState) -> Command:
         """Return the command that folds the legs under the trunk and holds them."""

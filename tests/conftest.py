@@ -62,8 +62,7 @@ def worker() -> Iterator[Pool]:
 @pytest.fixture
 def one_worker(worker: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sweeps of a test compute in a process that exists already, because a new one imports everything anew."""
-    for module in ("execution", "study"):
-        monkeypatch.setattr(f"lgmpc.sweeps.{module}.Pool", lambda *_: nullcontext(worker))
+    monkeypatch.setattr("lgmpc.sweeps.execution.Pool", lambda *_: nullcontext(worker))
 
 
 @pytest.fixture(params=DISPLACEMENTS)

@@ -107,7 +107,6 @@ OWNERS: dict[str, str] = {
     "typer": "cli",
     "IPython": "notebook viz",
     "rich": "cli",
-    "optuna": "sweeps.study sweeps.tuning",
     "viser": "live",
 }
 

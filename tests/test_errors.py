@@ -23,7 +23,7 @@ EXAMPLES: dict[type[BaseException], BaseException] = {
         errors.ModelError("arm", ["no mass", "no feet"]),
         errors.CompileError("f", "cc -c f.c", "f.c:1: error"),
         errors.SolverError("fddp", "stalled", "Relax it."),
-        errors.MissingDependencyError("optuna", "lgmpc tune", "pip install optuna"),
+        errors.MissingDependencyError("meshcat", "the replay", "pip install meshcat"),
         errors.Interrupted(signal.SIGTERM),
         errors.ReplayError("runs/a", "at tick 3", "Another machine."),
         errors.RunFolderError("runs/a cannot be read"),

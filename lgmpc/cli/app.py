@@ -319,8 +319,7 @@ def report(
     show_page(write_sweep_report(folder, html) if is_sweep(folder) else write(find_run(run, runs), html))
 
 
-for _study in (studies.compare, studies.tune):
-    _command(_study)
+_command(studies.compare)
 
 
 @_command

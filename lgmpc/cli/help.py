@@ -97,12 +97,6 @@ lgmpc compare runs/<time>-a runs/<time>-b
 lgmpc compare sweeps/before sweeps/after --margin 0.02 --metric max_tilt_deg
 lgmpc compare sweeps/before sweeps/after --json | jq .quantities
 
-tune
-lgmpc tune solo12_balance_inekf --keys mpc.weights.com wbc.gains.com.kp=30:300:log --objective com_rms_error_m
-lgmpc tune random_1000 --set samples.count=20 --keys mpc.weights.force --objective passed --trials 30
-lgmpc tune push_map --keys wbc.weights.com --objective boundary --resume
-lgmpc run tuning/random_1000/best.yaml     run the tuned config
-
 demo
 lgmpc demo                                 the list
 lgmpc demo dzhanibekov                     a body that keeps turning over

@@ -1,4 +1,4 @@
-"""Arguments and options of the commands about many runs: sweeps, comparisons, tuning."""
+"""Arguments and options of the commands about many runs: sweeps, comparisons."""
 
 from __future__ import annotations
 
@@ -14,17 +14,15 @@ from lgmpc.cli.options import (
     Quiet,
     RunsFolder,
     argument,
-    complete_config,
     complete_run,
     complete_sweep,
     option,
 )
 
-__all__ = ["compare", "sweep", "tune"]
+__all__ = ["compare", "sweep"]
 
 Workers = Annotated[int | None, option("Worker processes; one for each processor if not given.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
-Changes = Annotated[list[str], option("Change a value; may be repeated.", "--set", metavar="KEY=VALUE")]
 NewFolder = Annotated[Path | None, option("Folder of the results; named after CONFIG if not given.", "--out")]
 
 
@@ -81,49 +79,3 @@ def compare(
     from lgmpc.cli.sweeping import compare_shown
 
     return compare_shown(first, second, runs, margin=margin, metrics=tuple(metric), as_json=as_json, quiet=quiet)
-
-
-def tune(
-    source: Annotated[
-        Path,
-        argument(
-            "A config, tuned over seeds, or a sweep, tuned over its points.",
-            metavar="CONFIG|SWEEP",
-            complete=complete_config,
-        ),
-    ],
-    keys: Annotated[
-        list[str],
-        typer.Option(
-            "--keys",
-            metavar="KEY...",
-            help="Keys to tune: KEY (a third to three times the present value), KEY=LOW:HIGH, KEY=LOW:HIGH:log, or "
-            "KEY=[A, B]. Vectors are scaled. More may follow, or the option again.",
-            show_default=False,
-        ),
-    ] = [],  # noqa: B006
-    more: Annotated[list[str], typer.Argument(metavar="KEY", help="More keys.", hidden=True, show_default=False)] = [],  # noqa: B006
-    objective: Annotated[
-        str, typer.Option(help="A metric of the runs, `passed`, or for sweeps that bisect `boundary`.")
-    ] = "max_tilt_deg",
-    trials: Annotated[int, typer.Option(help="Number of trials, the first with the present values.")] = 40,
-    overrides: Changes = [],  # noqa: B006
-    seeds: Annotated[
-        int | None, typer.Option(help="Seeds of a config that are tuned over, and as many held out; 4 if not given.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
-    out: NewFolder = None,
-    workers: Workers = None,
-    resume: Resume = False,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
-) -> int:
-    """Search values of keys that improve an objective without failing more points (package optuna).
-
-    The result is compared with the present values on held-out points (other seeds, draws and directions) and written
-    as a config with its provenance. Exit code 0 if it is better on those, 1 if not.
-    """
-    from lgmpc.cli.sweeping import Job, tune_shown
-
-    job = Job(out, workers, resume, as_json, quiet)
-    return tune_shown(source, [*keys, *more], objective, overrides, job, trials=trials, seeds=seeds, seed=seed)

@@ -1,16 +1,12 @@
-"""``lgmpc sweep``, ``tune`` and ``compare``: progress of many runs, and the tables of their results."""
+"""``lgmpc sweep`` and ``compare``: progress of many runs, and the tables of their results."""
 
 from __future__ import annotations
 
 import json
 import math
-import shlex
-import sys
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.text import Text
@@ -19,19 +15,14 @@ from lgmpc.cli.display import counting_display
 from lgmpc.cli.screen import err, out, show_table
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, find_run, versions
-from lgmpc.runs.atomic import json_values
 from lgmpc.runs.tables import Table
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
-from lgmpc.sweeps.summary import Summary, level_text, search_words, summary_tables
+from lgmpc.sweeps.summary import Summary, search_words, summary_tables
 
-if TYPE_CHECKING:
-    from lgmpc.sweeps.study import Tuned
-    from lgmpc.sweeps.tuning import Score, TuningProblem
-
-__all__ = ["Job", "compare_shown", "part_of", "sweep_shown", "tune_shown"]
+__all__ = ["Job", "compare_shown", "part_of", "sweep_shown"]
 
 _MOST_REASONS = 5
 
@@ -113,80 +104,6 @@ def _show_sweep(
         rate = "" if speed is None else f"; {speed:.2f} simulated seconds per second and core"
         files = ", ".join(["results.jsonl", SUMMARY, *([figure.name] if figure else [])])
         console.print(Text(f"saved in {finished.folder} ({files}){rate}"), style="dim")
-
-
-def tune_shown(
-    source: Path,
-    keys: Sequence[str],
-    objective: str,
-    overrides: Sequence[str],
-    job: Job,
-    *,
-    trials: int,
-    seeds: int | None,
-    seed: int,
-) -> int:
-    """Tune, print the gain, and return the exit code: 0 if there is one on the held-out points."""
-    from lgmpc.sweeps.study import tune
-    from lgmpc.sweeps.tuning import tuning_problem
-
-    problem = tuning_problem(source, keys, objective, overrides=overrides, seeds=seeds)
-    folder = job.folder or Path("tuning") / source.stem
-    more: dict[str, Any] = {
-        "workers": job.workers,
-        "resume": job.resume,
-        "command": shlex.join(["lgmpc", *sys.argv[1:]]),
-    }
-    try:
-        with counting_display(err(), trials, "trials", _scores, quiet=job.quiet) as display:
-            notify, progress = display.announce, display.advance
-            found = tune(problem, folder, trials=trials, seed=seed, notify=notify, progress=progress, **more)
-    except Interrupted as error:
-        return _interrupted(error, 0)
-    if job.as_json:
-        signal = None if found.signal is None else found.signal.name
-        content = asdict(found) | {"files": list(map(str, found.files)), "signal": signal}
-        print(json.dumps({"folder": str(folder), **json_values(content)}, indent=2))
-    else:
-        _show_tuned(out(), problem, found)
-    if found.signal is not None:
-        return _interrupted(Interrupted(found.signal), found.trials)
-    return 0 if found.gained else 1
-
-
-def _scores(now: Tuned) -> tuple[int, str]:
-    return now.trials, f"  initial {now.initial}  best {now.best}"
-
-
-def _interrupted(error: Interrupted, trials: int) -> int:
-    words = f"INTERRUPTED  after {trials} trials: the same command with --resume continues"
-    err().print(Text(words, "bold yellow"))
-    return error.exit_code
-
-
-def _show_tuned(console: Console, problem: TuningProblem, found: Tuned) -> None:
-    first, second, difference = found.initial_held_out, found.best_held_out, found.difference
-    rows = [(e.key, level_text(e.value(e.initial)), level_text(found.values[e.key])) for e in problem.dimensions]
-    name = problem.objective
-    rows.append((f"{name}, {len(problem.tuned.points)} tuned points", str(found.initial), str(found.best)))
-    rows.append((f"{name}, {len(problem.held_out.points)} held-out points", _score(first), _score(second)))
-    show_table(Table(("", "initial", f"best (trial {found.trial} of {found.trials})"), rows))
-    if difference is not None:
-        console.print(Text(f"mean difference in pairs on the held-out points: {difference}"))
-    if found.initial == first and found.best == second:
-        console.print(Text("the held-out points gave the same: nothing is random. Tune over a sweep", "yellow"))
-    if first is not None and second is not None:
-        word, style = ("GAINED", "bold green") if found.gained else ("NO GAIN", "bold red")
-        console.print(Text.assemble((word, style), "  on held-out points"))
-        chance = difference is not None and difference.low <= 0.0 <= difference.high
-        if found.gained and chance and first.passed == second.passed:
-            console.print(Text("the interval contains 0: tune over more points (samples.count, --seeds)", "yellow"))
-    for file in found.files:
-        console.print(Text(f"saved in {file}"))
-
-
-def _score(score: Score | None) -> str:
-    return "-" if score is None else str(score)
 
 
 def compare_shown(

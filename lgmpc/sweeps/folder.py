@@ -6,7 +6,6 @@ import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import FileIO
@@ -21,50 +20,41 @@ from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Row
 
-__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "SweepFolder", "open_folder", "read_document", "read_rows"]
+__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "SweepFolder", "read_document", "read_rows"]
 
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
+_HEAD = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")
 """Sections of the document that may differ when a sweep is resumed: results do not depend on them."""
 
 
-def open_folder(
-    path: Path, name: str, document: Mapping[str, Any], *, resume: bool, head: str = "", inside: Sequence[str] = ()
-) -> None:
-    """Create a folder with a document, or check that an existing one has the same.
-
-    Args:
-        path: the folder.
-        name: file name of the document; its stem is the word for the work in messages.
-        document: plain values that identify the work.
-        resume: whether to continue in an existing folder.
-        head: comment at the beginning of the document.
-        inside: names of folders in it.
+def _prepare(path: Path, sweep: Sweep, *, resume: bool) -> None:
+    """Create the folder of a sweep with its document, or check that an existing one has the same.
 
     Raises:
         RunFolderError: if it exists and ``resume`` is false, contains something else, or cannot be written.
     """
-    file, work = path / name, Path(name).stem
-    text, continued = write_yaml(dict(document)), file.is_file()
+    file, text = path / DOCUMENT, write_yaml(sweep.settings.model_dump(mode="json"))
+    continued = file.is_file()
     if continued:
-        there, wanted = read_document(file), parse_yaml(text, name)[0]
+        there, wanted = read_document(file), parse_yaml(text, DOCUMENT)[0]
         differing = [key for key in wanted if key not in _FREE and there.get(key) != wanted[key]]
         if differing:
             hint = "Choose another folder with --out, or remove this one"
-            raise RunFolderError(f"{path} holds another {work}: {', '.join(differing)} differ. {hint}")
+            raise RunFolderError(f"{path} holds another sweep: {', '.join(differing)} differ. {hint}")
         if not resume:
             hint = "add --resume to continue, or choose another folder with --out"
-            raise RunFolderError(f"{path} already holds results of this {work}: {hint}")
+            raise RunFolderError(f"{path} already holds results of this sweep: {hint}")
     # A temporary file of the document may be there, of a process that was killed while it wrote it.
-    elif path.exists() and not (path.is_dir() and all(each.name.startswith(f".{name}.") for each in path.iterdir())):
-        raise RunFolderError(f"{path} exists and is not the folder of a {work}: choose another one with --out")
+    elif path.exists() and not (path.is_dir() and all(e.name.startswith(f".{DOCUMENT}.") for e in path.iterdir())):
+        raise RunFolderError(f"{path} exists and is not the folder of a sweep: choose another one with --out")
     try:
         path.mkdir(parents=True, exist_ok=True)
         if not continued:
             with atomic_write(file) as stream:
-                stream.write((head + text).encode())
-        for each in inside:
-            (path / each).mkdir(exist_ok=True)
+                stream.write((_HEAD + text).encode())
+        for inside in ("logs", "scratch"):
+            (path / inside).mkdir(exist_ok=True)
     except OSError as error:
         raise RunFolderError(f"cannot create {path}: {reason_of(error)}. Choose another one with --out") from error
 
@@ -122,10 +112,17 @@ class SweepFolder:
 
     @classmethod
     def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> SweepFolder:
-        """Create the folder, or open an existing one; arguments and errors as :func:`open_folder`."""
-        head = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
-        document = sweep.settings.model_dump(mode="json")
-        open_folder(path, DOCUMENT, document, resume=resume, head=head, inside=("logs", "scratch"))
+        """Create the folder, or open an existing one.
+
+        Args:
+            path: the folder.
+            sweep: the sweep.
+            resume: whether to continue in an existing folder.
+
+        Raises:
+            RunFolderError: it exists and ``resume`` is false, contains something else, or cannot be written.
+        """
+        _prepare(path, sweep, resume=resume)
         try:
             file = (path / ROWS).open("ab+", buffering=0)
         except OSError as error:

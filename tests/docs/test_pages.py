@@ -59,10 +59,10 @@ def test_a_command_parses_and_what_it_names_exists(page: str, line: str) -> None
             _, rest, _ = command.make_parser(inner).parse_args(list(words))
     assert not rest
     target = words[0] if words and not words[0].startswith("-") else ""
-    overrides = [word for word in words if re.fullmatch(r"[a-z][\w.]*=.*", word) and name != "tune"]  # it has ranges
+    overrides = [word for word in words if re.fullmatch(r"[a-z][\w.]*=.*", word)]
     if target in shipped_configs() or target.startswith("configs/"):
         load_any_config(ROOT / target if "/" in target else target, overrides)
-    elif target in shipped_sweeps() and name in ("sweep", "tune"):
+    elif target in shipped_sweeps() and name == "sweep":
         load_sweep(target, overrides)
     elif name == "demo" and target:
         assert target in (*catalogue.NAMES, "NAME")

@@ -287,16 +287,10 @@ class LeggedController:
         elif mode is Mode.LIE:
             inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_folding.done(time)
         else:
-            height = terms.z if terms.finite else math.nan
-            solved = self.wbc.status is Status.CONVERGED
-            inputs.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
+            solved, above = self.wbc.status is Status.CONVERGED, feet.ground.height_at(terms.x, terms.y)
+            inputs.failure = self._fall.check(mode, state, terms, upright, float(self.target[2]), above, solved)
             if performance is not None:
                 inputs.failure = inputs.failure or performance.failure
-            if mode.upright and not inputs.failure:
-                touching = state.contacts is None or True in state.contacts.tolist()
-                inputs.failure = self._fall.update_support(
-                    time, height - feet.ground.height_at(terms.x, terms.y), touching
-                )
         transition = machine.update(inputs)
         if transition is not None:
             self._enter(transition, state)

@@ -63,6 +63,7 @@ ARROWS: dict[str, str] = {
     "config.robots": "robot world locomotion control simulation runs",
     "config.build": f"{_PARTS} world simulation control runs",
     "config.maneuvers": "robot control runs",
+    "config.maps": "locomotion robot simulation world",
     "config.solving": "actions ocp problems robot runs solvers",
     "config.closed_loop": f"{_PARTS} world simulation control runs",
     "config.deploying": f"{_PARTS} world simulation control hardware runs",

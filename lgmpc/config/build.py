@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.extensions import own_costs, own_tasks
 from lgmpc.config.maneuvers import build_maneuvers
+from lgmpc.config.maps import build_map
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
@@ -83,18 +85,26 @@ def build_estimator(
     return estimator
 
 
-def build_controller(config: Config, robot: Robot, notify: Notify = lambda message: None) -> LeggedController:
+def build_controller(
+    config: Config,
+    robot: Robot,
+    notify: Notify = lambda message: None,
+    world: World | None = None,
+    pose: Callable[[], Array] | None = None,
+) -> LeggedController:
     """Return the controller of sections ``mpc``, ``wbc``, ``locomotion``, ``commands`` and ``reference``.
 
     Args:
         config: the closed loop.
         robot: from :func:`build_robot`, which checks that the config fits it.
         notify: called with a description of what is being prepared.
+        world: of the simulated robot, for its map.
+        pose: returns the true pose (7,) of its base, for what it sees.
     """
     period = 1.0 / config.wbc.rate_hz
     gaits = gaits_of(robot, config.locomotion)
     mpc = _build_mpc(config, robot, notify) if config.mpc.enabled else None
-    return LeggedController(
+    controller = LeggedController(
         robot,
         _build_whole_body(config, robot),
         FrictionMonitor(config.wbc.friction, period),
@@ -110,6 +120,10 @@ def build_controller(config: Config, robot: Robot, notify: Notify = lambda messa
         maneuvers=build_maneuvers(config, robot, notify),
         period=period,
     )
+    elevation = build_map(config, robot, world, pose)
+    if elevation is not None:
+        controller.feet.read_map(elevation, controller.wbc.terms.q[:7])
+    return controller
 
 
 def _build_mpc(config: Config, robot: Robot, notify: Notify) -> Mpc:
@@ -215,7 +229,7 @@ def _build_session(
     world = make_world(config.world, config.plant.friction, config.seed)
     same = before is not None and before.simulated == config.plant
     plant = before.plant if before and same else make_plant(robot, config.plant, world)
-    controller = build_controller(config, robot, notify)
+    controller = build_controller(config, robot, notify, world, lambda: plant.sense().q[:7])
     initial = initial_state(robot, config.plant, world)
     estimator = build_estimator(config, robot, controller, initial[:7], notify)
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)

@@ -22,7 +22,7 @@ from lgmpc.settings import Extension
 from lgmpc.wbc import SymbolicTask, Task
 from lgmpc.wbc.settings import OwnTask
 
-__all__ = ["load_extension", "own_costs", "own_tasks"]
+__all__ = ["called", "load_extension", "own_costs", "own_tasks", "wrong"]
 
 
 def own_tasks(config: Config, robot: Robot) -> list[Task]:
@@ -44,20 +44,20 @@ def own_costs(config: Config, robot: Robot) -> list[CostItem]:
 def _task(config: Config, key: str, entry: OwnTask, robot: Robot) -> Task:
     found = load_extension(config, key, entry.use)
     symbolic = isinstance(found, type) and issubclass(found, SymbolicTask)
-    task = _called(config, key, entry, found, *(() if symbolic else (robot,)), entry.gain, entry.weight)
+    task = called(config, key, entry, found, *(() if symbolic else (robot,)), entry.gain, entry.weight)
     if not isinstance(task, Task):
-        raise _wrong(config, key, entry, task, "a task, such as a class derived from lgmpc.SymbolicTask")
+        raise wrong(config, key, entry, task, "a task, such as a class derived from lgmpc.SymbolicTask")
     return task
 
 
 def _cost(config: Config, key: str, entry: OwnCost, robot: Robot) -> CostItem:
     found = load_extension(config, key, entry.use)
     residual = isinstance(found, type) and issubclass(found, Residual)
-    cost = _called(config, key, entry, found, *(() if residual else (robot,)))
+    cost = called(config, key, entry, found, *(() if residual else (robot,)))
     if isinstance(cost, CostItem):
         return cost
     if not isinstance(cost, Residual):
-        raise _wrong(config, key, entry, cost, "a cost, such as a class derived from lgmpc.Residual")
+        raise wrong(config, key, entry, cost, "a cost, such as a class derived from lgmpc.Residual")
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", type(cost).__name__).lower()
     return CostItem(name, cost, entry.weight)
 
@@ -102,7 +102,12 @@ def _on_path(folders: list[Path]) -> Iterator[None]:
         sys.path[:] = before
 
 
-def _called(config: Config, key: str, entry: Extension, found: Callable[..., Any], *arguments: Any) -> Any:
+def called(config: Config, key: str, entry: Extension, found: Callable[..., Any], *arguments: Any) -> Any:
+    """Return what ``found``, named by ``entry``, returns.
+
+    Raises:
+        ConfigError: it fails.
+    """
     try:
         return found(*arguments, **entry.arguments)
     except Exception as error:  # of any kind: of the user's own code
@@ -111,5 +116,6 @@ def _called(config: Config, key: str, entry: Extension, found: Callable[..., Any
         raise config.error(key, f"{entry.use}, which fails ({words})", expected) from error
 
 
-def _wrong(config: Config, key: str, entry: Extension, value: object, expected: str) -> LgmpcError:
+def wrong(config: Config, key: str, entry: Extension, value: object, expected: str) -> LgmpcError:
+    """Return the error of a call that returned ``value``."""
     return config.error(key, f"{entry.use}, which returns {type(value).__name__}", expected)

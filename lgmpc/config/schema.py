@@ -82,7 +82,8 @@ D = TypeVar("D", bound="Document")
 WHILE_RUNNING = ("seed", "plant", "timing", "sensors", "estimator", "mpc", "wbc", "reference", "locomotion", "delays",
                   "joint_friction", "modes")  # fmt: skip
 """Sections that can change during a run."""
-_FROM_THE_START = ("wbc.rate_hz", "plant.kind", "plant.rate_hz", "plant.initial_", "estimator.kind")
+_FROM_THE_START = ("wbc.rate_hz", "plant.kind", "plant.rate_hz", "plant.initial_", "estimator.kind",
+                    "locomotion.terrain.map")  # fmt: skip
 """Beginnings of their keys that cannot, because they act at its start or determine its time grid and its channels."""
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactEvents
@@ -14,8 +16,10 @@ from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon
 from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.maps import ElevationMap
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
+from lgmpc.locomotion.stepping import MappedBelief
 from lgmpc.locomotion.swing import HeadingTrajectory, SwingTrajectory
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
@@ -39,6 +43,9 @@ _BELOW_SHARE = 0.015
 _ROUGHEST_SHARE = 0.2
 _REMEMBERED = 0.97
 """Share of the roughness that is left after one more touchdown as expected."""
+
+_LEAST_REACH_SHARE = 0.2
+"""Least horizontal reach of legs that counts for the speed, in leg lengths."""
 
 
 class Feet:
@@ -70,7 +77,8 @@ class Feet:
         standing: whether all feet are on the ground, and none is to lift off.
         changed: whether other feet carry than at the last tick.
         settled: (nc,) points of feet that carry for long enough for their sliding to be evidence about the floor.
-        ground: the plane through the last footholds.
+        ground: the plane under the robot, through the last footholds or of the map.
+        mapped: the same where there is a map, or None.
         roughness: of the ground that was met lately, by which feet swing higher, m.
     """
 
@@ -86,6 +94,7 @@ class Feet:
         self.legs = LegGeometry.of(robot)
         self.points = robot.foot_points
         self.ground = TerrainBelief(robot.nc, self.legs.height, settings.terrain)
+        self.mapped: MappedBelief | None = None
         self.settings, self.gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
@@ -112,6 +121,19 @@ class Feet:
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
         for swing in self._swings:
             swing.retune(settings.swing)
+
+    def read_map(self, elevation: ElevationMap, pose: Array) -> None:
+        """Step on the ground of a map from now on; ``pose`` (7,) is a live view of the base's.
+
+        Raises:
+            InputError: the robot has soles.
+        """
+        if not self.points.single:
+            raise InputError(
+                "locomotion.terrain.map", "a map for a robot with soles", "'none': maps are for point feet"
+            )
+        belief = MappedBelief(len(self._places), self.legs, self.settings.terrain, elevation, pose)
+        self.ground = self._planner.ground = self.mapped = belief
 
     def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
         """Begin to stand at contact points (nc, 3); feet without a point in contact (nc,) are put down first."""
@@ -154,6 +176,21 @@ class Feet:
             InputError: there is none of this name.
         """
         return find_gait(self.gaits, command.gait)
+
+    def within_reach(self, command: MotionCommand) -> MotionCommand:
+        """Return the command, no faster than the legs' reach allows on the ground ahead of a map.
+
+        Within a stance the base moves by as much as its feet reach ahead and back, with the base higher above the
+        lowest of them by what the footholds are off their plane.
+        """
+        if self.mapped is None or not command.moves:
+            return command
+        off = self.mapped.unevenness(self.footholds)
+        reach = min(self._planner.reach(foot, command.height + off) for foot in range(self.clock.nc))
+        least = _LEAST_REACH_SHARE * float(self.legs.length.min())
+        most, speed = 2.0 * max(reach, least) / self.gait(command).stance_s, math.hypot(command.vx, command.vy)
+        share = min(most / speed, 1.0) if speed > 0.0 else 1.0
+        return command if share == 1.0 else replace(command, vx=command.vx * share, vy=command.vy * share)
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand. To stand, come to rest in the present gait."""
@@ -211,6 +248,8 @@ class Feet:
             motion: of the robot in the plane.
         """
         corners, feet, single = points, self.points, self.points.single
+        if self.mapped is not None:
+            self.mapped.look(time, motion)
         if not single:
             points = feet.mean(points)
             contacts = None if contacts is None else feet.touching(contacts)
@@ -247,7 +286,7 @@ class Feet:
         settled = self.events.steady(self.clock.time - _SETTLED_S)
         self.settled = settled if single else feet.spread(settled)
         self.ground.update(self._period, corners, self.settled)
-        if not (self.ground.level and self._level):
+        if not (self.ground.level and self._level) or self.mapped is not None:
             self._write_normals()
         self._stood = stands
         self.standing = self.events.resting
@@ -262,7 +301,7 @@ class Feet:
 
     def _write_normals(self) -> None:
         """Write the normals of the whole-body QP's contacts, for its next tick."""
-        self._contacts.normals[...] = self.ground.normal
+        self._contacts.normals[...] = self.ground.normals
         self._level = self.ground.level
 
     def _swing(self, foot: int, time: float, point: Vector, velocity: Vector, yaw: float, motion: BaseMotion) -> None:
@@ -286,10 +325,11 @@ class Feet:
         if swing is None or self.events.searching(foot):
             self._swings[foot].search(time, point)
             return
-        target = self._aim(foot, time, swing.touchdown, motion)
+        target = self._aim(foot, time, swing.touchdown, motion, True)
         path = self._swings[foot]
         latest = self.clock.latest_touchdown(foot, time) if self._may_stretch else None
-        path.lift_off(time, swing.touchdown, point, velocity, target, latest)
+        below = None if self.mapped is None else self.mapped.under(foot, point, target)
+        path.lift_off(time, swing.touchdown, point, velocity, target, latest, below)
         self.clock.stretch(foot, time, path.touchdown)
 
     def _move(self, foot: int, time: float, point: Vector, velocity: Vector, motion: BaseMotion) -> None:
@@ -310,15 +350,17 @@ class Feet:
             self._headings[foot].retarget(time, path.touchdown, float(self.yaws[foot]))
         foothold[...] = path.target
 
-    def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion) -> Vector:
-        """Write the foothold of the present swing, and return it."""
+    def _aim(self, foot: int, time: float, touchdown: float, motion: BaseMotion, begins: bool = False) -> Vector:
+        """Write the foothold of the present swing, which begins now or did before, and return it."""
         stance = self.clock.stance_duration(foot, time)
         others = [(x, y) for other, (x, y, _) in enumerate(self.footholds.tolist()) if other != foot]
         remaining, width = max(touchdown - time, 0.0), self.clock.gait.width
         if self._headings:
             self.yaws[foot] = self._planner.heading(motion, remaining, stance)
         x, y = self._planner.place(foot, motion, remaining, stance, others, width)
-        target = x, y, self.ground.height_at(x, y)
+        target: Vector = (x, y, self.ground.height_at(x, y))
+        if self.mapped is not None:
+            target = self.mapped.aim(foot, time, self._planner, motion, (x, y), remaining, stance, others, begins)
         self._nominal[foot] = self.footholds[foot] = target
         return target
 
@@ -360,7 +402,7 @@ class Feet:
         The schedule is that of the feet, or of another clock.
         """
         feet, single = self.points, self.points.single
-        horizon.normals[...] = self.ground.normal
+        horizon.normals[...] = self.ground.normals
         if clock is None and self.standing:
             points = feet.place(self.footholds, self.yaws, self.ground.normal)
             horizon.hold(points, feet.spread(self.stance), friction)
@@ -375,6 +417,9 @@ class Feet:
         self._planner.horizon(clock, motion, time, dt, points, centres, self.stance.tolist(), yaws)
         if yaws is not None:
             horizon.flags[...], horizon.points[...] = flags[:, feet.of], feet.place(centres, yaws, self.ground.normal)
+        if self.mapped is not None:
+            stance_s = clock.gait.stance_s
+            self.mapped.spread(self._planner, motion, dt, stance_s, points, centres, horizon.normals)
         horizon.friction[:] = friction
 
     def _fixed(self, time: float) -> BoolArray:

@@ -366,9 +366,8 @@ class LeggedController:
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
         elif request.moves and feet.gait(request).stands:
             request = replace(request, vx=0.0, vy=0.0, yaw_rate=0.0)  # whatever velocity is left from another gait
-        if steps.active or steps.deciding:
-            request = steps.way_back(request)
         load, friction = (0.0, 0.0) if self.planner is None else self.planner.load.force, self.floor.coefficient
+        request = feet.within_reach(steps.way_back(request) if steps.active or steps.deciding else request)
         self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping, load)
         command = self._desired.command
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command

@@ -101,12 +101,17 @@ class GroundBelief(Protocol):
 
     Attributes:
         normal: (3,) its unit normal.
+        normals: (3,) the same, or (nc, 3) one for each foot.
         level: whether it is level.
     """
 
     @property
     def normal(self) -> Array:
         """(3,) unit normal of the surface."""
+
+    @property
+    def normals(self) -> Array:
+        """(3,) the same, or (nc, 3) one for each foot."""
 
     @property
     def level(self) -> bool:
@@ -124,6 +129,11 @@ class LevelGround:
 
     normal: Array = field(default_factory=lambda: np.array(UP))
     level: bool = True
+
+    @property
+    def normals(self) -> Array:
+        """The normal."""
+        return self.normal
 
 
 class LeggedEstimator:
@@ -273,7 +283,7 @@ class LeggedEstimator:
         if level and self._even:
             return
         self._even = level
-        self.legs.normals[...] = self.ground.normal
+        self.legs.normals[...] = self.ground.normals
         self.ekf.contact_offset[...] = -lever(self._radius, self.ground.normal)
 
     def _touch_floor(self, feet: IntArray, noise: float) -> None:

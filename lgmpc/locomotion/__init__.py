@@ -16,6 +16,7 @@ from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSett
 from lgmpc.locomotion.gait import Gait, find_gait, quadruped_gaits
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.maps import ElevationMap, GridMap
 from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings, SwingTrajectory
 from lgmpc.locomotion.terrain import TerrainBelief, TerrainBeliefSettings
@@ -32,11 +33,13 @@ __all__ = [
     "ContactEvents",
     "ContactHorizon",
     "ContactState",
+    "ElevationMap",
     "FootholdPlanner",
     "FootholdSettings",
     "Gait",
     "GaitClock",
     "GaitClockSettings",
+    "GridMap",
     "LegGeometry",
     "MotionCommand",
     "MotionReference",

@@ -27,6 +27,7 @@ class LegGeometry:
         feet: (nf, 3) contact points, of soles their centres, m.
         hips: (nf, 3) hips: positions of each leg's second joint (the first one is the abduction), or of the first one
             of a leg with two joints, m.
+        knees: (nf, 3) positions of each leg's last joint, m.
         length: (nf,) largest distance from hip to foot within the range of the joints between, m.
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
@@ -36,6 +37,7 @@ class LegGeometry:
 
     feet: Array
     hips: Array
+    knees: Array
     length: Array
     base: Array
     radius: float
@@ -72,7 +74,7 @@ class LegGeometry:
         com = pin.centerOfMass(model, data, q).copy()
         pin.framesForwardKinematics(model, data, q)
         base = pin.XYZQUATToSE3(q[:7])
-        feet, hips, lengths = [], [], []
+        feet, hips, knees, lengths = [], [], [], []
         for name, frame in zip(robot.foot_names, robot.foot_ids, strict=True):
             joints = leg_chain(robot, frame)
             if not joints:
@@ -80,12 +82,14 @@ class LegGeometry:
             tip = data.oMf[frame].translation
             hip = joints[0]
             hips.append(data.oMi[hip].translation.copy())
+            knees.append(data.oMi[joints[-1]].translation.copy())
             lengths.append(_longest(robot, hip, joints[1:], frame))
             feet.append(touching(tip, robot.contact_radius, np.array(UP)))
         turn = base.rotation
         return cls(
             (np.array(feet) - com) @ turn,
             (np.array(hips) - com) @ turn,
+            (np.array(knees) - com) @ turn,
             np.array(lengths),
             (base.translation - com) @ turn,
             robot.contact_radius,

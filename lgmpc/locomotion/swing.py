@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from typing import Union
 
+import numpy as np
 from pydantic import Field
 
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
@@ -36,6 +37,22 @@ _RISING_SHARE = 0.6
 """Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
 _ROUGH_SHARE = 0.5
 _AGAIN_SHARE = 0.7  # of a swing's duration, for the step over an obstacle
+
+_MARGIN_SHARE = 0.35
+"""Least height of a foot above what is below its way, in clearances."""
+_NEAR = 1e-3  # m
+_TIMES = np.linspace(0.0, 1.0, 41)
+_MINIMUM_JERK = _TIMES**3 * (10.0 - 15.0 * _TIMES + 6.0 * _TIMES**2)
+_SHAPES = np.array(
+    [
+        (wait, early, highest)
+        for wait in (0.0, 0.1, 0.2, 0.3, 0.4)
+        for early in (0.0, 0.1, 0.2, 0.3)
+        for highest in (-0.15, 0.0, 0.15, 0.25)
+        if wait + early <= 0.5
+    ]
+)
+_COSTS = _SHAPES[:, 0] + _SHAPES[:, 1] + 0.5 * np.abs(_SHAPES[:, 2])
 
 Coefficients = tuple[float, float, float, float, float, float]
 State = tuple[float, float, float]  # position, velocity, acceleration
@@ -109,6 +126,7 @@ class SwingTrajectory:
         self._apex_time = 0.0
         self._hastened = math.inf
         self._planned = 0.0  # when the polynomials of x and y begin
+        self._ahead_s = 0.0  # by so much they end before the touchdown
         self._x = self._y = self._rise = self._fall = _at_rest(0.0)
         self._fall_begin = 0.0
         self.touchdown_speed = self.settings.touchdown_speed_m_s
@@ -127,6 +145,7 @@ class SwingTrajectory:
         velocity: Vector,
         target: Vector,
         latest: float | None = None,
+        below: Array | None = None,
     ) -> None:
         """Begin a swing.
 
@@ -137,21 +156,30 @@ class SwingTrajectory:
             velocity: (3,) m/s; a downward one is not followed.
             target: (3,) where to put it down, world, m.
             latest: when the swing of a long step has to have ended, s; as scheduled unless given.
+            below: (n,) least heights of the foot at equal distances along its way, first and last one included, m.
         """
         s = self.settings
-        self.liftoff, self.touchdown, self._hastened = t, touchdown, math.inf
+        self.liftoff, self.touchdown, self._hastened, self._ahead_s = t, touchdown, math.inf, 0.0
         longest = touchdown + (s.longest_share - 1.0) * (touchdown - t)
         self._latest = touchdown if latest is None else max(touchdown, min(latest, longest))
         self._from = (float(position[0]), float(position[1]))
         self.target = (float(target[0]), float(target[1]), float(target[2]))
         self._postpone()
         z = float(position[2])
-        apex = max(z, self.target[2]) + self.clearance + self.roughness
-        self._apex_time = t + s.apex_share * (touchdown - t)
+        top = max(z, self.target[2]) if below is None else max(z, self.target[2], float(below[1:-1].max()))
+        apex, wait, apex_share = top + self.clearance + self.roughness, 0.0, s.apex_share
+        if below is not None:
+            wait, early, apex_share = _shaped(
+                below, z, apex, self.target[2], apex_share, _MARGIN_SHARE * self.clearance
+            )
+            self._ahead_s = early * (touchdown - t)
+        self._apex_time = t + apex_share * (touchdown - t)
         self._rise = _quintic((z, max(float(velocity[2]), 0.0), 0.0), (apex, 0.0, 0.0), self._apex_time - t)
         self._plan_fall(self._apex_time, (apex, 0.0, 0.0))
         x, y = (float(position[0]), float(velocity[0]), 0.0), (float(position[1]), float(velocity[1]), 0.0)
-        if self.roughness > 0.0:  # what is ahead may be a riser
+        if wait > 0.0:
+            self._plan_plane(t + wait * (touchdown - t), (x[0], 0.0, 0.0), (y[0], 0.0, 0.0))
+        elif self.roughness > 0.0:  # what is ahead may be a riser
             self._plan_plane(t + _ROUGH_SHARE * (self._apex_time - t), (x[0], 0.0, 0.0), (y[0], 0.0, 0.0))
         else:
             self._plan_plane(t, x, y)
@@ -160,6 +188,7 @@ class SwingTrajectory:
         """Begin a swing, without rising, of a foot that is in the air at ``position`` (3,), at rest, already."""
         self.liftoff = self._apex_time = t
         self.touchdown = self._latest = touchdown
+        self._ahead_s = 0.0
         x, y, z = (float(value) for value in position)
         self.target = (x, y, z)
         self._plan_fall(t, (z, 0.0, 0.0))
@@ -187,6 +216,7 @@ class SwingTrajectory:
         """Begin again from ``position`` (3,), where an obstacle holds the foot: upwards, and from there on ahead."""
         duration = max(_AGAIN_SHARE * (self.touchdown - self.liftoff), self.touchdown - t)
         self.touchdown = self._latest = t + duration
+        self._ahead_s = 0.0
         self.liftoff, self._from = t, (float(position[0]), float(position[1]))
         x, y, z = (float(value) for value in position)
         apex = max(z, self.target[2]) + self.clearance + self.roughness
@@ -197,7 +227,7 @@ class SwingTrajectory:
 
     def frozen(self, t: float) -> bool:
         """Return whether the swing is too advanced for another target."""
-        return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self.liftoff)
+        return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self._ahead_s - self.liftoff)
 
     def retarget(self, t: float, target: Vector) -> bool:
         """Move the target (3,), unless the swing is too advanced; return whether it moved. The touchdown may, too."""
@@ -232,7 +262,7 @@ class SwingTrajectory:
         if t >= self.touchdown:
             self._sample_late(t, position, velocity, acceleration)
             return
-        dt = max(t - self._planned, 0.0)
+        dt = max(min(t, self.touchdown - self._ahead_s) - self._planned, 0.0)
         position[0], velocity[0], acceleration[0] = _evaluate(self._x, dt)
         position[1], velocity[1], acceleration[1] = _evaluate(self._y, dt)
         position[2], velocity[2], acceleration[2] = self._height(t)
@@ -264,7 +294,7 @@ class SwingTrajectory:
         return _evaluate(self._fall, t - self._fall_begin)
 
     def _plan_plane(self, t: float, x: State, y: State) -> None:
-        left = self.touchdown - t
+        left = self.touchdown - self._ahead_s - t
         self._planned = t
         self._x = _quintic(x, (self.target[0], 0.0, 0.0), left)
         self._y = _quintic(y, (self.target[1], 0.0, 0.0), left)
@@ -302,6 +332,27 @@ class HeadingTrajectory:
     def sample(self, t: float) -> State:
         """Return heading, rad, its rate and acceleration at time ``t``; after the touchdown at rest."""
         return _evaluate(self._yaw, t - self._planned) if t < self._touchdown else (self._target, 0.0, 0.0)
+
+
+def _shaped(
+    below: Array, z: float, apex: float, target: float, apex_share: float, margin: float
+) -> tuple[float, float, float]:
+    """Return when the foot moves ahead, and how early it arrives, and when it is highest, as shares of the swing.
+
+    The least deviations from the usual shape with which it is by ``margin``, m, above the (n,) heights ``below`` it; or
+    those with which it comes nearest to that.
+    """
+    wait, early, highest = _SHAPES.T[:, :, None]
+    way = np.linspace(0.0, 1.0, len(below))
+    time = wait + (1.0 - wait - early) * np.interp(way, _MINIMUM_JERK, _TIMES)
+    highest = apex_share + highest
+    rising = np.interp(np.minimum(time / highest, 1.0), _TIMES, _MINIMUM_JERK)
+    falling = np.interp(np.clip((time - highest) / (1.0 - highest), 0.0, 1.0), _TIMES, _MINIMUM_JERK)
+    height = np.where(time < highest, z + (apex - z) * rising, apex + (target - apex) * falling)
+    least = below + margin * np.minimum(1.0, 4.0 * np.minimum(way, 1.0 - way))
+    lacking = np.maximum(least - height, 0.0)[:, 1:-1].max(axis=1)
+    best = int(np.argmin(np.where(lacking < _NEAR, 0.0, lacking) + 1e-3 * _COSTS * _NEAR))
+    return float(_SHAPES[best, 0]), float(_SHAPES[best, 1]), float(apex_share + _SHAPES[best, 2])
 
 
 def _at_rest(position: float) -> Coefficients:

@@ -16,19 +16,21 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
+from lgmpc.locomotion.maps import MapSettings, NoMap
 from lgmpc.robot.feet import UP
-from lgmpc.settings import Positive, Settings
+from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["TerrainBelief", "TerrainBeliefSettings"]
 
-_PERIOD = 5e-3  # s; between two fits: the feet that stand hardly move meanwhile
+PERIOD = 5e-3
+"""Time between two fits, s: the feet that stand hardly move meanwhile."""
 _RIDGE = 1e-6
 """Weight of a level plane in the fit, in units of the footholds' squared distances: decides where they lie in line."""
 
 
 class TerrainBeliefSettings(Settings):
-    """Conclusions of a robot without a map from its footholds."""
+    """What a robot takes the ground for: conclusions from its footholds, or a map."""
 
     filter_share: Positive = Field(
         default=0.5,
@@ -40,6 +42,12 @@ class TerrainBeliefSettings(Settings):
     )
     steepest_deg: float = Field(
         default=35.0, strict=True, gt=0.0, le=60.0, description="Largest slope of the plane, degrees."
+    )
+    map: MapSettings = Field(default=NoMap(), description="What the controller knows of the ground ahead.")
+    edge_margin_m: NonNegative | None = Field(
+        default=None,
+        description="Distance of footholds on a map from edges, besides the foot's radius, m. null: a twentieth of the"
+        " height of the centre of mass.",
     )
 
 
@@ -54,6 +62,7 @@ class TerrainBelief:
     Attributes:
         settings: as given.
         normal: (3,) unit normal of the surface, exactly vertical where the ground counts as level; a live view.
+        normals: (feet, 3) unit normals of the surface at every foot; a live view.
         slope: rise of that surface per metre along the world's x and y.
         level: whether the ground counts as level.
         footholds: (nc, 3) last foothold of every foot, world, m.
@@ -62,6 +71,7 @@ class TerrainBelief:
     def __init__(self, feet: int, height: float, settings: TerrainBeliefSettings | None = None) -> None:
         self.settings = s = TerrainBeliefSettings() if settings is None else settings
         self.normal = np.array(UP)
+        self.normals = np.broadcast_to(self.normal, (feet, 3))
         self.slope, self.level = (0.0, 0.0), True
         self.footholds = np.zeros((feet, 3))
         self._tilt = (0.0, 0.0)  # slope of the filtered plane, before the test for level ground
@@ -84,7 +94,7 @@ class TerrainBelief:
         The plane follows every few milliseconds.
         """
         self._elapsed += elapsed
-        if self._elapsed < _PERIOD:
+        if self._elapsed < PERIOD:
             return
         for foot, stands in enumerate(stance):
             if stands:
@@ -122,14 +132,18 @@ class TerrainBelief:
         ridge = _RIDGE * (xx + yy)
         xx, yy = xx + ridge, yy + ridge
         determinant = xx * yy - xy * xy
-        gx, gy = self._tilt
+        self._middle = (mx, my, mz)
         if determinant > 0.0:
-            fx, fy = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
-            gx, gy = gx + share * (fx - gx), gy + share * (fy - gy)
+            self._turn_to((yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant, share)
+
+    def _turn_to(self, fx: float, fy: float, share: float) -> None:
+        """Move the slope by ``share`` towards (fx, fy)."""
+        gx, gy = self._tilt
+        gx, gy = gx + share * (fx - gx), gy + share * (fy - gy)
         steepness = math.hypot(gx, gy)
         if steepness > self._steepest:
             gx, gy = gx * self._steepest / steepness, gy * self._steepest / steepness
-        self._tilt, self._middle = (gx, gy), (mx, my, mz)
+        self._tilt = (gx, gy)
         self._set_surface(gx, gy, steepness)
 
     def _set_surface(self, gx: float, gy: float, steepness: float) -> None:

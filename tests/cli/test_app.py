@@ -73,8 +73,10 @@ def _complete(result: Result, *words: str) -> list[str]:
 def test_the_shell_completes_configs_runs_and_demos(result: Result, tmp_path: Path) -> None:
     assert _complete(result, "lgmpc", "check", "solo12_st") == [
         "solo12_stairs",
+        "solo12_stairs_map",
         "solo12_stand",
         "solo12_step_recovery",
+        "solo12_stones",
         "solo12_strong_push",
     ]
     assert _complete(result, "lgmpc", "run", "mine") == []  # the shell then completes file names

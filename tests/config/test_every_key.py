@@ -139,6 +139,27 @@ SOLO = {
         ],
         ("locomotion.contacts.max_late_s",),
     ),
+    "known map": Scene(
+        "solo12_stones",
+        [
+            "world.ahead_m=0.3",
+            "commands.0.at_s=0.01",
+            "locomotion.terrain.map.drift_m_per_m=0.01",
+            "locomotion.terrain.map.noise_m=0.001",
+            "duration_s=0.8",
+        ],
+        ("locomotion.terrain.map.[!k]*", "locomotion.terrain.edge_margin_m"),
+    ),
+    "seen map": Scene(
+        "solo12_stones",
+        [
+            "world.ahead_m=0.3",
+            "commands.0.at_s=0.01",
+            "locomotion.terrain.map={kind: elevation, noise_m: 0.001}",
+            "duration_s=0.8",
+        ],
+        ("locomotion.terrain.map.[!k]*",),
+    ),
     "steps": Scene(
         "solo12_step_recovery",
         [PUSH.format(0.01, 0, 3, 0), "duration_s=1.2", "timing.computing=modelled"],
@@ -325,6 +346,7 @@ EXEMPT: dict[str, str] = {
     "deployment.lost_s": "of `lgmpc deploy`",
     "deployment.damping_nms": "of `lgmpc deploy`",
     "estimator.kind": "selects an estimator; the keys of all estimators are walked",
+    "locomotion.terrain.map.kind": "selects a map; the keys of all maps are walked",
     "reference.kind": "selects a reference; the keys of all references are walked",
     "mpc.model": "selects a model; the keys of all models are walked",
     "problem.kind": "selects a problem; the keys of all problems are walked",

@@ -1,0 +1,327 @@
+"""The ground as a controller with a map believes it to be, and where on it the feet can step.
+
+Nominal footholds are moved to the nearest point of a patch around them that is steppable: flat as far as the foot and a
+margin reach, within reach of the leg from touchdown to lift-off, clear of the other feet, and with the shank above the
+ground. Heights and normals of footholds are those of the map. The plane under the robot, which its base follows, fits
+the steppable ground below the body best, a little ahead of it: the base leads into stairs.
+
+Map and state estimate differ in height by an offset that drifts; feet that stand measure it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.maps import ElevationMap
+from lgmpc.locomotion.terrain import PERIOD, TerrainBelief, TerrainBeliefSettings
+from lgmpc.robot.feet import UP
+from lgmpc.typing import GRAVITY, Array, BoolArray
+
+__all__ = ["MappedBelief"]
+
+_PATCH_SHARE, _PATCH_CELLS = 0.36, 11  # radius in leg lengths; points along it
+_MARGIN_SHARE = 0.05  # of the height of the centre of mass
+_LEAD_SHARE = 0.5  # of sqrt(h / g)
+_BODY = (1.25, 1.5)  # length and width of the ground that counts, in distances of the feet
+_SAMPLES = (15, 5)
+_LEAST_SAMPLES = 12
+_EVERY = 0.01  # s; between two choices of the foothold of a swing
+_STAY_SHARE = 1.5  # of the patch's cell: by so much nearer another point has to be
+_SHANK = np.array([0.4, 0.7, 1.0])  # shares of the way from foot to knee
+_WAY = np.linspace(0.0, 1.0, 13)
+_OFFSET_TIME = 0.15  # s
+_CREDIBLE_SHARE = 0.2  # of the height of the centre of mass: a larger offset is that of another place
+_TURN_S = 0.02  # s; in which the normal at a foot in the air turns to that of its foothold
+
+
+class MappedBelief(TerrainBelief):
+    """The ground of a map, and the plane through it under the robot.
+
+    Args:
+        feet: their number.
+        legs: of the robot, with point feet.
+        settings: see :class:`~lgmpc.locomotion.TerrainBeliefSettings`.
+        elevation: the map.
+        pose: (7,) of the base; a live view.
+
+    Attributes:
+        elevation: as given.
+        offset: height of the map above the ground that feet stand on, m; NaN before it is measured.
+        radius: of flat ground around a foothold, m.
+    """
+
+    def __init__(
+        self, feet: int, legs: LegGeometry, settings: TerrainBeliefSettings, elevation: ElevationMap, pose: Array
+    ) -> None:
+        super().__init__(feet, legs.height, settings)
+        self.elevation, self.offset = elevation, 0.0
+        self.radius = legs.radius + (
+            _MARGIN_SHARE * legs.height if settings.edge_margin_m is None else settings.edge_margin_m
+        )
+        self.normals = np.tile(np.array(UP), (feet, 1))
+        self._legs, self._pose, self._time, self._begun = legs, pose, 0.0, False
+        self._credible = _CREDIBLE_SHARE * legs.height
+        self._lead = _LEAD_SHARE * math.sqrt(legs.height / GRAVITY)
+        self._velocity = (0.0, 0.0)
+        length = float(legs.length.min())
+        self.cell = _PATCH_SHARE * length / _PATCH_CELLS
+        axis = np.arange(-_PATCH_CELLS, _PATCH_CELLS + 1) * self.cell
+        patch = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+        patch = patch[np.linalg.norm(patch, axis=1) <= _PATCH_SHARE * length]
+        self._patch = patch[np.argsort(np.linalg.norm(patch, axis=1), kind="stable")]
+        extent = np.ptp(legs.feet[:, :2], axis=0)
+        ahead, left = (
+            0.5 * size * each * np.linspace(-1.0, 1.0, n) for size, each, n in zip(_BODY, extent, _SAMPLES, strict=True)
+        )
+        self._body = np.stack(np.meshgrid(ahead, left, indexing="ij"), axis=-1).reshape(-1, 2)
+        fade = [0.6 + 0.4 * np.cos(np.pi * np.linspace(-1.0, 1.0, n)) for n in _SAMPLES]
+        self._share = np.outer(*fade).reshape(-1)
+        self._targets = self.normals.copy()
+        self._chosen_at = [-math.inf] * feet
+        self._chosen = np.full((feet, 3), np.nan)
+
+    def look(self, time: float, motion: BaseMotion) -> None:
+        """Take the time, s, and the motion for the next :meth:`update`; what is ahead counts first."""
+        self._time, self._velocity = time, (motion.commanded_vx, motion.commanded_vy)
+        if not self._begun:
+            self._begun = True
+            self.elevation.update(time, self._pose)
+            self._follow(1.0)
+
+    def begin(self, points: Array, stance: BoolArray | None = None) -> None:
+        """Begin with feet at ``points`` (nc, 3), m."""
+        super().begin(points, stance)
+        self._begun, self.offset = False, math.nan
+        self._chosen_at = [-math.inf] * len(points)
+
+    @property
+    def _shift(self) -> float:
+        return 0.0 if math.isnan(self.offset) else self.offset
+
+    def height(self, points: Array) -> Array:
+        """Return (n,) heights at points (n, 2), m: the plane's where the map has none."""
+        heights = self.elevation.height(points) - self._shift
+        unknown = np.isnan(heights)
+        if unknown.any():
+            (mx, my, mz), slope = self._middle, self.slope
+            heights[unknown] = mz + (points[unknown] - (mx, my)) @ slope
+        return heights
+
+    def update(self, elapsed: float, points: Array, stance: Sequence[bool]) -> None:
+        """Take the contact points (nc, 3) of the feet that stand as their footholds; the plane follows the map."""
+        self._elapsed += elapsed
+        if self._elapsed < PERIOD:
+            return
+        self.elevation.update(self._time, self._pose)
+        stands = np.array(stance)
+        self.footholds[stands] = points[stands]
+        if stands.any():
+            above = self.elevation.height(points[stands, :2]) - points[stands, 2]
+            above = above[~np.isnan(above)]
+            if above.size:
+                found, new = float(np.median(above)), math.isnan(self.offset)
+                if new or abs(found - self.offset) < self._credible:
+                    self.offset = found if new else self.offset + self._elapsed / _OFFSET_TIME * (found - self.offset)
+        self._follow(min(self._elapsed / self._time_constant, 1.0))
+        self.normals += min(self._elapsed / _TURN_S, 1.0) * (self._targets - self.normals)
+        self.normals /= np.linalg.norm(self.normals, axis=1, keepdims=True)
+        self._elapsed = 0.0
+
+    def _follow(self, share: float) -> None:
+        """Move the plane by ``share`` towards that of the ground below the body."""
+        x, y = float(self._pose[0]), float(self._pose[1])
+        c, s = _heading(self._pose)
+        turn = np.array([[c, s], [-s, c]])
+        cx, cy = x + self._lead * self._velocity[0], y + self._lead * self._velocity[1]
+        arms = self._body @ turn
+        places = arms + (cx, cy)
+        heights = self.elevation.height(places) - self._shift
+        weights = self._share * (self.elevation.steppable(places, self._legs.radius) & ~np.isnan(heights))
+        above = float(self._pose[2]) - self._legs.base[2] - heights  # of the centre of mass
+        weights *= np.abs(above - self._legs.height) < self._legs.height
+        if np.count_nonzero(weights) < _LEAST_SAMPLES:
+            self._fit(share)
+            return
+        heights = np.where(weights > 0.0, heights, 0.0)
+        terms = np.column_stack([np.ones(len(arms)), arms])
+        square = (terms.T * weights) @ terms
+        square[1:, 1:] += 1e-6 * np.trace(square[1:, 1:]) * np.eye(2)
+        z, fx, fy = np.linalg.solve(square, (terms.T * weights) @ heights).tolist()
+        gx, gy = self._tilt
+        mx, my, mz = self._middle
+        expected = mz + gx * (cx - mx) + gy * (cy - my)
+        self._middle = (cx, cy, expected + share * (z - expected))
+        self._turn_to(fx, fy, share)
+
+    def aim(
+        self, foot: int, time: float, planner: FootholdPlanner, motion: BaseMotion, nominal: tuple[float, float],
+        remaining: float, stance: float, others: Sequence[tuple[float, float]], fresh: bool,
+    ) -> list[float]:  # fmt: skip
+        """Return the (3,) foothold of a present swing, near a nominal one (2,); it changes every few milliseconds."""
+        if fresh or time - self._chosen_at[foot] > _EVERY - 1e-9:
+            before = None if fresh else self._chosen[foot]
+            places, normals = self.choose(
+                planner, motion, [foot], np.array([nominal]), np.array([remaining]), stance, np.array(others), before
+            )
+            self._chosen[foot], self._targets[foot], self._chosen_at[foot] = places[0], normals[0], time
+        foothold: list[float] = self._chosen[foot].tolist()
+        return foothold
+
+    def spread(
+        self, planner: FootholdPlanner, motion: BaseMotion, dt: float, stance_s: float, now: Array, points: Array,
+        normals: Array,
+    ) -> None:  # fmt: skip
+        """Put the later footholds of a horizon on the map.
+
+        Args:
+            planner: of nominal footholds.
+            motion: of the robot.
+            dt: duration of the intervals, s.
+            stance_s: duration of stances, s.
+            now: (nc, 3) present contact points, and targets of the present swings.
+            points: (N, nc, 3) contact points, overwritten where they differ from ``now``.
+            normals: (N, nc, 3), overwritten.
+        """
+        normals[...] = self.normals
+        before = np.concatenate([now[None], points[:-1]])
+        rows, feet = np.nonzero((points != before).any(axis=2))
+        if not len(rows):
+            return
+        places, found = self.choose(
+            planner, motion, feet.tolist(), points[rows, feet, :2], np.multiply(dt, rows, dtype=np.float64), stance_s
+        )
+        for row, foot, place, normal in zip(rows.tolist(), feet.tolist(), places, found, strict=True):
+            points[row:, foot], normals[row:, foot] = place, normal  # a later one of the foot follows and overwrites
+
+    def choose(
+        self,
+        planner: FootholdPlanner,
+        motion: BaseMotion,
+        feet: Sequence[int],
+        nominal: Array,
+        remaining: Array,
+        stance: float,
+        others: Array | None = None,
+        before: Array | None = None,
+    ) -> tuple[Array, Array]:
+        """Return (k, 3) footholds nearest to nominal ones on steppable ground, and (k, 3) normals there.
+
+        Where no point of the patch is, the nearest within reach and clear of other feet serves on which the foot just
+        fits; or else one out of reach, or the nominal one.
+
+        Args:
+            planner: of nominal footholds, whose limits hold.
+            motion: of the robot.
+            feet: (k,) whose.
+            nominal: (k, 2) world, m.
+            remaining: (k,) times until the touchdown, s.
+            stance: duration of the stance after it, s.
+            others: (m, 2) footholds of other feet to be clear of; none unless given.
+            before: (3,) the choice before, of a single foot, which is kept unless another one is nearer.
+        """
+        legs, count = self._legs, len(feet)
+        yaw = motion.yaw + motion.yaw_rate * remaining
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1)
+        points = nominal[:, None] + self._patch @ turn
+        if before is not None:
+            points = np.concatenate([points, before[None, None, :2]], axis=1)
+        knees = legs.knees[feet] - legs.feet[feet]
+        arms = (knees[:, None, :2] @ turn)[:, 0]
+        below = points[:, :, None] + np.concatenate([[0.0], _SHANK])[:, None] * arms[:, None, None]
+        heights = self.height(below.reshape(-1, 2)).reshape(below.shape[:-1])
+        ground = heights[..., 0]
+        flat, barely = (
+            self.elevation.steppable(points.reshape(-1, 2), radius).reshape(points.shape[:2])
+            for radius in (self.radius, legs.radius)
+        )
+        shank = ground[..., None] + _SHANK * knees[:, 2, None, None]
+        clear = np.ones_like(flat)
+        if others is not None and len(others):
+            apart = np.linalg.norm(points[:, :, None] - others, axis=-1)
+            clear = (apart >= planner.spacing - 1e-9).all(axis=2)
+        near = clear & self._within(planner, motion, feet, points, ground, remaining, stance, turn)
+        ok = flat & near & (heights[..., 1:] < shank).all(axis=2)
+        best, row, served = np.zeros(count, dtype=np.int64), np.arange(count), np.zeros(count, dtype=np.bool_)
+        for each in (ok, barely & near, barely & clear):
+            best = np.where(served, best, each.argmax(axis=1))
+            served |= each.any(axis=1)
+        if before is not None and ok[0, -1]:
+            far = np.linalg.norm(points[0, [-1, best[0]]] - nominal[0], axis=1)
+            if best[0] and far[0] <= far[1] + _STAY_SHARE * self.cell:
+                best[0] = points.shape[1] - 1
+        chosen, (mx, my, mz) = points[row, best], self._middle
+        height = np.where(served, ground[row, best], mz + (chosen - (mx, my)) @ self.slope)
+        return np.column_stack([chosen, height]), self._normals_at(chosen, served)
+
+    def _within(
+        self, planner: FootholdPlanner, motion: BaseMotion, feet: Sequence[int], points: Array, ground: Array,
+        remaining: Array, stance: float, turn: Array,
+    ) -> BoolArray:  # fmt: skip
+        """Return (k, n) which points are within reach of the hips from touchdown to lift-off."""
+        legs = self._legs
+        velocity = np.array([motion.commanded_vx, motion.commanded_vy])
+        hips = np.array([motion.x, motion.y]) + remaining[:, None] * velocity
+        hips = hips + (legs.hips[feet][:, None, :2] @ turn)[:, 0]
+        last = hips + (stance if stance < math.inf else 0.0) * velocity
+        longest = planner.settings.reach_share * legs.length[feet, None]
+        result: BoolArray | None = None
+        for hip in (hips, last):
+            (mx, my, mz), slope = self._middle, self.slope
+            above = mz + (hip - (mx, my)) @ slope + legs.height + legs.hips[feet, 2] + motion.height
+            squares = ((points - hip[:, None]) ** 2).sum(axis=2) + (above[:, None] - ground) ** 2
+            within = squares <= longest**2
+            result = within if result is None else result & within
+        assert result is not None
+        return result
+
+    def _normals_at(self, points: Array, flat: BoolArray) -> Array:
+        """Return (k, 3) normals of the map at points (k, 2), from heights a foot's radius away.
+
+        Ground less steep than what counts as level is level, exactly; where it is not flat, the plane's normal holds.
+        """
+        r = self._legs.radius
+        steps = np.array([[r, 0.0], [-r, 0.0], [0.0, r], [0.0, -r]])
+        h = self.height((points[:, None] + steps).reshape(-1, 2)).reshape(-1, 4)
+        slope = np.column_stack([h[:, 0] - h[:, 1], h[:, 2] - h[:, 3]]) / (2.0 * r)
+        slope[np.linalg.norm(slope, axis=1) <= self._flat] = 0.0
+        normals = np.column_stack([-slope, np.ones(len(points))])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        normals[~flat] = self.normal
+        return normals
+
+    def under(self, foot: int, begin: Sequence[float], end: Sequence[float]) -> Array:
+        """Return (13,) the least heights of a foot on a straight way from ``begin`` to ``end`` (3,), m.
+
+        Foot and shank are above the ground there; -inf where they are in any case.
+        """
+        legs, c, s = self._legs, *_heading(self._pose)
+        knee = legs.knees[foot] - legs.feet[foot]
+        first, last = np.array(begin[:2]), np.array(end[:2])
+        way = first + _WAY[:, None] * (last - first)
+        r = legs.radius
+        around = np.array([[0.0, 0.0], [r, 0.0], [-r, 0.0], [0.0, r], [0.0, -r]])
+        shank = _SHANK[:, None] * [c * knee[0] - s * knee[1], s * knee[0] + c * knee[1]]
+        places = way[:, None] + np.concatenate([around, shank])
+        heights = self.height(places.reshape(-1, 2)).reshape(len(_WAY), -1)
+        heights[:, 5:] -= _SHANK * knee[2] - r
+        top: Array = heights.max(axis=1)
+        return top
+
+    def unevenness(self, points: Array) -> float:
+        """Return the largest height by which footholds (nc, 3) are off the plane, m."""
+        (mx, my, mz), slope = self._middle, self.slope
+        return float(np.abs(points[:, 2] - mz - (points[:, :2] - (mx, my)) @ slope).max())
+
+
+def _heading(pose: Array) -> tuple[float, float]:
+    """Return cosine and sine of the heading of a pose (7,)."""
+    x, y, z, w = pose[3:7].tolist()
+    c, s = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w)
+    size = math.hypot(c, s) or 1.0
+    return c / size, s / size

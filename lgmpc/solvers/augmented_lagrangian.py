@@ -36,6 +36,7 @@ from lgmpc.status import Status
 
 __all__ = ["AugmentedLagrangianFddp", "AugmentedLagrangianSettings"]
 
+_FACTOR, _HIGHEST = 10.0, 1e9  # growth of the penalty, and where the problem counts as infeasible
 _ENOUGH = 0.25  # fraction of the last violation that counts as progress
 _FIRST = (1e-3, 1e3)  # range of the first penalty
 _DOMINANT = 1e2  # ratio of penalties to costs from which minima are those of the violation
@@ -57,13 +58,6 @@ class AugmentedLagrangianSettings(SolverSettings):
         default=1e-6,
         description="Largest residual of the constraints and their multipliers' signs, and of the Lagrangian's "
         "gradient per 1 + the largest multiplier, of a solution.",
-    )
-    penalty_factor: Annotated[float, Field(strict=True, gt=1.0, le=1e6, allow_inf_nan=False)] = Field(
-        default=10.0, description="Factor by which the penalty of the constraints grows."
-    )
-    highest_penalty: Positive = Field(
-        default=1e9,
-        description="Penalty, in units of the cost per squared violation, at which a problem is infeasible.",
     )
 
 
@@ -145,9 +139,9 @@ class AugmentedLagrangianFddp(IterativeSolver):
         elif not progress and self._measured > tolerance:
             if self._violation_is_least():
                 return Status.INFEASIBLE
-            if self._penalty >= self.settings.highest_penalty:
+            if self._penalty >= _HIGHEST:
                 return Status.INFEASIBLE if self._violated > tolerance else Status.STALLED
-            self._penalty = min(self._penalty * self.settings.penalty_factor, self.settings.highest_penalty)
+            self._penalty = min(self._penalty * _FACTOR, _HIGHEST)
         self._multipliers[...] = self._estimate
         self._violation = self._measured
         self._accuracy = max(0.1 * self._accuracy, 1e-12) if self._measured > tolerance else 0.0

@@ -111,7 +111,5 @@ def is_minimum(solution: Solution) -> bool:
         exact.evaluate()
         hessian, last = exact.hessian, exact.last_hessian
     hessian = hessian + _HELD * scale * held
-    gradient, gaps = np.zeros((n, ndx + nu)), np.zeros((n + 1, ndx))
-    gains = np.zeros((n, nu, ndx)), np.zeros((n, nu))
-    model = Expansion(jacobian, hessian, gradient, gaps, last, np.zeros(ndx), *gains, compiled=False)
+    model = Expansion.of_curvature(jacobian, hessian, last)
     return BackwardSweep(model).run(_FLAT * scale, closed=True)

@@ -37,6 +37,11 @@ from lgmpc.typing import Array
 
 __all__ = ["BoxFddp", "Fddp", "check_unconstrained"]
 
+# Crocoddyl's: share of an increase of the cost by closing gaps, slope of a flat cost, largest gap of a feasible guess.
+_ASCENT, _FLAT, _CLOSED = 2.0, 1e-12, 1e-12
+# Crocoddyl's: factor of the regularisation, which falls after steps longer than the first length, and grows up to the
+# second.
+_FACTOR, _LONG, _SHORT = 10.0, 0.5, 0.01
 _UNBOUNDED = 1e8  # times 1 + the guess's cost: a cost below minus that counts as unbounded
 _PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
 
@@ -61,7 +66,7 @@ class _Regularization:
     """A multiple of the identity in the sweeps, which grows where steps fail and falls where they are long."""
 
     def __init__(self, settings: FddpSettings) -> None:
-        self._factor, (self.lowest, self.highest) = settings.regularization_factor, settings.regularization
+        self.lowest, self.highest = settings.regularization
         self.value = self.lowest
 
     @property
@@ -71,11 +76,11 @@ class _Regularization:
 
     def increase(self) -> None:
         """Multiply it by the factor."""
-        self.value = min(self.value * self._factor, self.highest)
+        self.value = min(self.value * _FACTOR, self.highest)
 
     def decrease(self) -> None:
         """Divide it by the factor."""
-        self.value = max(self.value / self._factor, self.lowest)
+        self.value = max(self.value / _FACTOR, self.lowest)
 
 
 class Fddp(IterativeSolver):
@@ -134,7 +139,7 @@ class Fddp(IterativeSolver):
         self._accepted, self._step_length, self._was_closed = False, 1.0, False
         self._cost = self._criterion = np.nan
         self._expand()
-        self._closed = self._gap <= self.settings.rounding
+        self._closed = self._gap <= _CLOSED
         self._bottom = _UNBOUNDED * (1.0 + abs(self._cost))
         self._least, self._patience = np.inf, _PATIENCE
         self._finite = self._finite and self._all_finite()
@@ -198,13 +203,13 @@ class Fddp(IterativeSolver):
 
     def _accepts(self, alpha: float, gained: float, expected: _Decrease, ascent: float) -> bool:
         """Return whether a decrease ``gained`` is enough of the expected one, or an increase not too much of it."""
-        s, decrease = self.settings, expected.of_step(alpha)
+        decrease = expected.of_step(alpha)
         if decrease >= 0.0:
-            rounding = s.least_slope * (1.0 + abs(self._cost))
-            flat = abs(expected.slope) < s.least_slope and gained >= -rounding
-            return flat or gained > s.acceptance * decrease
+            rounding = _FLAT * (1.0 + abs(self._cost))
+            flat = abs(expected.slope) < _FLAT and gained >= -rounding
+            return flat or gained > self.settings.acceptance * decrease
         # Gaps are closed at this cost: without them the sweep's step decreases its model.
-        return gained > s.ascent_acceptance * max(decrease, -alpha * ascent)
+        return gained > _ASCENT * max(decrease, -alpha * ascent)
 
     def _take_step(self, alpha: float, cost: float) -> None:
         f = self.functions
@@ -216,9 +221,9 @@ class Fddp(IterativeSolver):
     def _regulate(self, diverged: bool) -> Status | None:
         """Decrease the regularisation after a long step, increase it after a short one or none."""
         self._swept = False
-        if self._step_length > self.settings.decrease_above:
+        if self._step_length > _LONG:
             self._regularization.decrease()
-        if self._step_length > self.settings.increase_below:
+        if self._step_length > _SHORT:
             return None
         self._regularization.increase()
         if not self._regularization.exhausted:

@@ -40,28 +40,11 @@ class FddpSettings(SolverSettings):
     acceptance: NonNegative = Field(
         default=0.1, description="Least fraction of the expected reduction of the cost of an accepted step."
     )
-    ascent_acceptance: NonNegative = Field(
-        default=2.0,
-        description="Largest multiple of an expected increase of the cost, by closing gaps, of an accepted step.",
-    )
-    least_slope: NonNegative = Field(
-        default=1e-12, description="Slope of the cost below which any step that does not increase it is accepted."
-    )
-    rounding: NonNegative = Field(default=1e-12, description="Largest gap of a feasible guess.")
     regularization: tuple[Positive, Positive] = Field(
         default=(1e-9, 1e9), description="[lowest, highest] regularisation."
     )
     initial_regularization: Positive | None = Field(
         default=None, description="Regularisation that a solve starts from. null: the lowest."
-    )
-    regularization_factor: Annotated[float, Field(strict=True, gt=1.0, le=1e9, allow_inf_nan=False)] = Field(
-        default=10.0, description="Factor by which the regularisation changes."
-    )
-    decrease_above: NonNegative = Field(
-        default=0.5, description="Step length above which the regularisation decreases."
-    )
-    increase_below: NonNegative = Field(
-        default=0.01, description="Step length up to which the regularisation increases."
     )
 
     @model_validator(mode="after")

@@ -33,7 +33,6 @@ from pydantic import Field
 
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.kkt import complementarity
-from lgmpc.settings import Count
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.curvature import Hessians, is_minimum, solve_curved
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
@@ -53,6 +52,10 @@ _ATTEMPT = 8  # the same after a return from it to steps, before it has ended
 _ATTEMPT_BELOW = 1e-2  # largest violation of its minima from which steps are attempted
 _NEARER = 0.1  # factor of the violation until the next attempt
 _PATIENCE = 6  # most steps that do not halve the residual
+_ACCEPTANCE = 1e-4  # least fraction of the expected decrease of an accepted step
+_MEMORY = 4  # last points, of which the worst is compared with
+_LEAST_STEP = 1e-4  # length below which the search ends without a step
+_MARGIN = 1.5  # least ratio of the penalty to the largest multiplier
 
 
 class LineSearchSqpSettings(SolverSettings):
@@ -66,18 +69,6 @@ class LineSearchSqpSettings(SolverSettings):
         default=1e-6, description="Largest residual of the optimality conditions of a solution."
     )
     hessian: Hessians = "gauss_newton"
-    acceptance: Annotated[float, Field(strict=True, gt=0.0, lt=0.5)] = Field(
-        default=1e-4, description="Least fraction of the expected decrease of an accepted step."
-    )
-    memory: Count = Field(
-        default=4, description="Number of last points; the decrease is relative to the worst of them."
-    )
-    least_step: Annotated[float, Field(strict=True, gt=0.0, lt=1.0)] = Field(
-        default=1e-4, description="Step length below which the search ends without a step."
-    )
-    penalty_margin: Annotated[float, Field(strict=True, gt=1.0, le=1e9)] = Field(
-        default=1.5, description="Least ratio of the penalty to the largest multiplier."
-    )
 
 
 class LineSearchSqp(IterativeSolver):
@@ -131,7 +122,7 @@ class LineSearchSqp(IterativeSolver):
         self.qp_solver.reset()
         self._costates, self._multipliers = np.zeros((s.nodes, s.ndx)), np.zeros((s.nodes, s.ng))
         self._penalty, self._step_length, self._accepted = 0.0, 1.0, True
-        self._last: deque[tuple[float, float]] = deque(maxlen=self.settings.memory)
+        self._last: deque[tuple[float, float]] = deque(maxlen=_MEMORY)
         self._least, self._patience, self._nonmonotone = np.inf, _PATIENCE, True
         self._clock = [0.0, 0.0, 0.0]
         self._global = self._was_global = self._near = self._attempted = False
@@ -240,8 +231,8 @@ class LineSearchSqp(IterativeSolver):
             return status
         step = self.qp_solver.solution
         largest = max(float(np.abs(step.costates).max()), float(np.abs(step.multipliers).max(initial=0.0)))
-        if self._penalty < s.penalty_margin * largest:
-            self._penalty = 2.0 * s.penalty_margin * largest
+        if self._penalty < _MARGIN * largest:
+            self._penalty = 2.0 * _MARGIN * largest
         self._last.append((self._cost, self._infeasibility))
         slope = self._slope(step.dxs, step.dus) - (1.0 - kept) * self._penalty * self._infeasibility
         merits = [cost + self._penalty * outside for cost, outside in self._last]
@@ -251,13 +242,13 @@ class LineSearchSqp(IterativeSolver):
         us, dxs, dus = f.us.copy(), step.dxs.copy(), step.dus.copy()
         alpha, self._accepted = 1.0, False
         costates, multipliers = self._costates, self._multipliers
-        while alpha >= s.least_step:
+        while alpha >= _LEAST_STEP:
             np.multiply(dxs, alpha, out=f.dxs)
             f.retract()
             f.us[...] = us + alpha * dus
             self._linearize(2)
             merit = self._cost + self._penalty * self._infeasibility
-            least = s.acceptance * alpha * min(slope, 0.0) + rounding
+            least = _ACCEPTANCE * alpha * min(slope, 0.0) + rounding
             # Multipliers change with the step, so that a trial point's residual is that of its own multipliers.
             self._costates = costates + alpha * (step.costates - costates)
             self._multipliers = multipliers + alpha * (step.multipliers - multipliers)
@@ -293,17 +284,8 @@ class LineSearchSqp(IterativeSolver):
             return self._globaliser._progress(iteration, elapsed)
         f, s = self.functions, self.qp.structure
         iterate = Iterate.of(f.xs, f.us, np.zeros((0, s.nu, s.ndx)))
-        return Progress(
-            iteration,
-            self._cost,
-            self._kkt.largest,
-            self._gap,
-            self._step_length,
-            0.0,
-            self._accepted,
-            elapsed,
-            iterate,
-        )
+        criterion, length = self._kkt.largest, self._step_length
+        return Progress(iteration, self._cost, criterion, self._gap, length, 0.0, self._accepted, elapsed, iterate)
 
     def _finish(self, status: Status, iterations: int, start: float) -> Solution:
         if self._global:

@@ -24,6 +24,7 @@ from lgmpc.solvers.curvature import is_minimum
 from lgmpc.solvers.loop import Callback, Progress, Solver, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status
+from lgmpc.typing import Array
 
 __all__ = ["NlpSettings", "NlpSolver"]
 
@@ -125,35 +126,38 @@ class NlpSolver(Solver):
 
     def _unsolved(self, base: Trajectory, status: Status, start: float) -> Solution:
         """Return the guess as the result, where the solver cannot start or failed."""
-        problem, ng = self.problem, max(self._shooting.ng)
-        n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
+        problem = self.problem
         p = self._shooting.pack_parameters(problem, base)
         cost = float(self._values(np.zeros(self._shooting.size), p)[0])
-        solution = Solution(
-            problem.copy(), np.vstack([problem.x0, base.xs[1:]]), base.us.copy(), np.zeros((0, nu, ndx)),
-            np.zeros((0, nu)), np.zeros((n, ndx)), np.zeros((n, ng)), status, 0, cost,
-            np.full((n + 1, ndx), np.nan), KktResidual.unknown(), Timings(time.perf_counter() - start),
-        )  # fmt: skip
-        return solution if status is Status.NOT_FINITE else solution.measured()
+        guess = Trajectory(np.vstack([problem.x0, base.xs[1:]]), base.us.copy())
+        zeros = np.zeros((problem.nodes, problem.state.ndx)), np.zeros((problem.nodes, max(self._shooting.ng)))
+        return self._measured(guess, zeros, status, 0, cost, start)
 
     def _solution(self, z: Any, p: Any, found: dict[str, Any], status: Status, stats: Any, start: float) -> Solution:
-        shooting, problem = self._shooting, self.problem
-        n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
-        trajectory = shooting.unpack(z, p)
-        if status is not Status.NOT_FINITE:
-            costates, multipliers = shooting.unpack_multipliers(found["lam_g"].full()[:, 0], p, trajectory)
-        else:
-            costates, multipliers = np.full((n, ndx), np.nan), np.full((n, max(shooting.ng)), np.nan)
-        elapsed = time.perf_counter() - start
-        unmeasured = Solution(
-            problem.copy(), trajectory.xs, trajectory.us, np.zeros((0, nu, ndx)), np.zeros((0, nu)), costates,
-            multipliers, status, int(stats["iter_count"]), float(found["f"]), np.full((n + 1, ndx), np.nan),
-            KktResidual.unknown(), Timings(elapsed),
-        )  # fmt: skip
+        shooting, trajectory = self._shooting, self._shooting.unpack(z, p)
+        multipliers = shooting.unpack_multipliers(found["lam_g"].full()[:, 0], p, trajectory)
         if status is Status.NOT_FINITE:
-            return unmeasured
-        measured = unmeasured.measured()
-        return replace(measured, status=Status.SADDLE) if status.solved and not is_minimum(measured) else measured
+            multipliers = np.full_like(multipliers[0], np.nan), np.full_like(multipliers[1], np.nan)
+        count, cost = int(stats["iter_count"]), float(found["f"])
+        solution = self._measured(trajectory, multipliers, status, count, cost, start)
+        return replace(solution, status=Status.SADDLE) if status.solved and not is_minimum(solution) else solution
+
+    def _measured(
+        self,
+        at: Trajectory,
+        multipliers: tuple[Array, Array],
+        status: Status,
+        iterations: int,
+        cost: float,
+        start: float,
+    ) -> Solution:
+        problem, elapsed = self.problem, time.perf_counter() - start
+        n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
+        solution = Solution(
+            problem.copy(), at.xs, at.us, np.zeros((0, nu, ndx)), np.zeros((0, nu)), *multipliers, status, iterations,
+            cost, np.full((n + 1, ndx), np.nan), KktResidual.unknown(), Timings(elapsed),
+        )  # fmt: skip
+        return solution if status is Status.NOT_FINITE else solution.measured()
 
 
 class _Watch(ca.Callback):

@@ -69,6 +69,14 @@ class Expansion:
     feedforward: Array
     compiled: bool
 
+    @classmethod
+    def of_curvature(cls, jacobian: Array, hessian: Array, last_hessian: Array) -> Expansion:
+        """Return an expansion without gradients and gaps, to be swept in numpy."""
+        (n, width, ndx), zeros = jacobian.shape, np.zeros
+        gains = zeros((n, width - ndx, ndx)), zeros((n, width - ndx))
+        vectors = zeros((n, width)), zeros((n + 1, ndx)), last_hessian, zeros(ndx)
+        return cls(jacobian, hessian, *vectors, *gains, compiled=False)
+
 
 def all_finite(*arrays: Array) -> bool:
     """Return whether no entry is NaN or infinite (or too large to square), in one pass."""
@@ -197,17 +205,13 @@ def penalised_feedback(qp: OcpQp, weights: Array | float = 0.0) -> Array:
     Returns:
         The gains; of length 0 where the cost is not strictly convex along the dynamics.
     """
-    s = qp.structure
     m = {name: qp.dense(name) for name in "ABQSRCD"}
     jacobian = np.concatenate([m["A"], m["B"]], axis=2).swapaxes(1, 2).copy()
     rows = np.concatenate([m["C"], m["D"]], axis=2)
     hessian = np.block([[m["Q"], m["S"].swapaxes(1, 2)], [m["S"], m["R"]]])
     hessian += rows.swapaxes(1, 2) @ (np.broadcast_to(weights, rows.shape[:2])[..., None] * rows)
-    gradient, gaps = np.zeros((s.nodes, s.ndx + s.nu)), np.zeros((s.nodes + 1, s.ndx))
-    gains = np.zeros((s.nodes, s.nu, s.ndx)), np.zeros((s.nodes, s.nu))
-    last = qp.dense_terminal("Q"), np.zeros(s.ndx)
-    model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, compiled=False)
-    return gains[0] if BackwardSweep(model).run(0.0, closed=True) else gains[0][:0]
+    model = Expansion.of_curvature(jacobian, hessian, qp.dense_terminal("Q"))
+    return model.feedback if BackwardSweep(model).run(0.0, closed=True) else model.feedback[:0]
 
 
 def compile_stages(

@@ -11,10 +11,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
-from lgmpc.typing import Array, numbers
+from lgmpc.typing import Array
 
 __all__ = ["ProductState", "State", "StateVector"]
 
@@ -28,30 +27,18 @@ class State(ABC):
     Points, tangents and Jacobians may carry leading batch axes, the same for all arguments of a call. ``integrate``,
     ``diff`` and their Jacobians check shapes and nothing else.
 
-    Args:
-        nx: number of coordinates of a point.
-        ndx: dimension of the manifold.
-        lower: (ndx,) limits of ``diff(neutral(), x)``; minus infinity where there is none.
-        upper: (ndx,) upper limits of the same; infinity where there is none.
-
     Attributes:
         nx: number of coordinates of a point.
         ndx: dimension of the manifold.
-        lower: (ndx,) lower limits, read-only.
-        upper: (ndx,) upper limits, read-only.
-
-    Raises:
-        InputError: limits of the wrong shape, NaN, or crossed.
     """
 
-    def __init__(self, nx: int, ndx: int, lower: Array, upper: Array) -> None:
+    def __init__(self, nx: int, ndx: int) -> None:
         self.nx = nx
         self.ndx = ndx
-        self.lower, self.upper = _frozen_bounds(ndx, lower, upper)
 
     @abstractmethod
     def neutral(self) -> Array:
-        """Return the origin (nx,), about which limits are stated."""
+        """Return the origin (nx,)."""
 
     @abstractmethod
     def integrate_symbolic(self, x: Any, dx: Any) -> Any:
@@ -154,22 +141,15 @@ class StateVector(State):
 
     Args:
         n: dimension.
-        lower: (n,) lower limits; none if omitted.
-        upper: (n,) upper limits; none if omitted.
 
     Raises:
-        InputError: ``n`` below 1, or limits of the wrong shape, NaN, or crossed.
+        InputError: ``n`` below 1.
     """
 
-    def __init__(self, n: int, lower: Array | None = None, upper: Array | None = None) -> None:
+    def __init__(self, n: int) -> None:
         if not isinstance(n, Integral) or n < 1:
             raise InputError("n", n, "a whole number of at least 1")
-        super().__init__(
-            int(n),
-            int(n),
-            np.full(n, -np.inf) if lower is None else lower,
-            np.full(n, np.inf) if upper is None else upper,
-        )
+        super().__init__(int(n), int(n))
 
     def neutral(self) -> Array:
         """Return zeros."""
@@ -202,12 +182,7 @@ class ProductState(State):
     def __init__(self, *states: State) -> None:
         if not states or not all(isinstance(state, State) for state in states):
             raise InputError("states", f"{states!r:.80}" if states else "none", "at least one State")
-        super().__init__(
-            sum(state.nx for state in states),
-            sum(state.ndx for state in states),
-            np.concatenate([state.lower for state in states]),
-            np.concatenate([state.upper for state in states]),
-        )
+        super().__init__(sum(state.nx for state in states), sum(state.ndx for state in states))
         self.states = states
         self.x_slices = _consecutive([state.nx for state in states])
         self.dx_slices = _consecutive([state.ndx for state in states])
@@ -250,16 +225,3 @@ def _block_diagonal(pairs: Iterable[tuple[Any, Any]]) -> tuple[Any, Any]:
 def _consecutive(sizes: list[int]) -> tuple[slice, ...]:
     stops = np.cumsum(sizes).tolist()
     return tuple(slice(stop - size, stop) for stop, size in zip(stops, sizes, strict=True))
-
-
-def _frozen_bounds(ndx: int, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Array]:
-    found = [numbers(name, bound, (ndx,)).copy() for name, bound in (("lower", lower), ("upper", upper))]
-    for name, array in zip(("lower", "upper"), found, strict=True):
-        if np.isnan(array).any():
-            raise InputError(name, "NaN", f"{ndx} numbers, none of them NaN")
-        array.setflags(write=False)
-    crossed = np.flatnonzero(found[0] > found[1])
-    if crossed.size:
-        i = int(crossed[0])
-        raise InputError("lower", f"{found[0][i]:g} at index {i}", f"at most the upper bound, {found[1][i]:g}")
-    return found[0], found[1]

@@ -44,6 +44,8 @@ class StateMultibody(State):
         model: the model.
         nq: size of a configuration.
         nv: size of a velocity.
+        lower: (ndx,) lower limits of ``diff(neutral(), x)``, read-only.
+        upper: (ndx,) upper limits.
         blocks: the groups whose product is the configuration space.
         curved: the rotations and placements among them.
 
@@ -62,7 +64,13 @@ class StateMultibody(State):
         lower, upper = _position_limits(model, self.blocks)
         # Not lowerVelocityLimit: Pinocchio 4.1's URDF parser sets it to plus the velocity limit.
         speed = _open_ended(model.upperVelocityLimit)
-        super().__init__(self.nq + self.nv, 2 * self.nv, np.r_[lower, -speed], np.r_[upper, speed])
+        super().__init__(self.nq + self.nv, 2 * self.nv)
+        self.lower, self.upper = np.r_[lower, -speed], np.r_[upper, speed]
+        for limits in (self.lower, self.upper):
+            limits.flags.writeable = False
+        if (self.lower > self.upper).any():
+            i = int(np.flatnonzero(self.lower > self.upper)[0])
+            raise InputError("lower", f"{self.lower[i]:g} at index {i}", f"at most the upper limit, {self.upper[i]:g}")
         self._neutral = np.concatenate((pin.neutral(model), np.zeros(self.nv)))
         self.curved = tuple(b for b in self.blocks if b.kind in (BlockKind.ROTATION, BlockKind.PLACEMENT))
         self._units = tuple(

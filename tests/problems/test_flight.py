@@ -92,16 +92,6 @@ def test_the_loop_is_flown_upside_down_over_its_top_within_the_thrusts() -> None
     assert solution.residual().largest < 1e-4 * max(1.0, np.abs(solution.costates).max())
 
 
-@pytest.mark.slow
-def test_an_independent_integrator_confirms_runge_kutta_but_not_semi_implicit_steps() -> None:
-    """Why the default is Runge and Kutta's method: same grid, same solver."""
-    assert loop()[1]["integration_error_m"] < 1e-3
-    scenario = build_flight(iris(), LOOP.replace({"integrator": "semi_implicit_euler"}))
-    solution = BoxFddp(scenario.problem).solve(scenario.guess, max_iterations=200)
-    assert solution.status is Status.CONVERGED
-    assert scenario.figures(solution.trajectory)["integration_error_m"] > 0.5
-
-
 def test_an_independent_flight_is_a_fall_without_thrust_and_rest_at_hover() -> None:
     vehicle = Multirotor.of(iris(), ROTORS)
     x0 = np.concatenate([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0], np.zeros(6)])

@@ -101,8 +101,8 @@ def test_contradictory_bounds_and_nan_are_known_at_once(cart: ShootingProblem) -
     assert solver.solve().status is Status.INFEASIBLE
     cart.parameters[3] = np.nan
     assert solver.solve().status is Status.NOT_FINITE
-    with pytest.raises(InputError, match="penalty_factor"):
-        AugmentedLagrangianSettings(penalty_factor=1.0)
+    with pytest.raises(InputError, match="tolerance"):
+        AugmentedLagrangianSettings(tolerance=0.0)
 
 
 @pytest.mark.usefixtures("interpreted")

@@ -124,7 +124,7 @@ def test_feedback_is_that_of_the_closed_form(linear: Callable[..., Action]) -> N
 
 @pytest.mark.parametrize("rising", [False, True])
 def test_full_steps_are_accepted_by_the_exact_change_of_a_linear_quadratic_cost(
-    linear: Callable[..., Action], rising: bool
+    linear: Callable[..., Action], rising: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the model is exact, a share of the expected change that is a thousandth off decides."""
     problem = linear_problem(linear, mixed=False)
@@ -133,7 +133,8 @@ def test_full_steps_are_accepted_by_the_exact_change_of_a_linear_quadratic_cost(
         guess.xs[...] *= 10.0
     before = Fddp(problem).solve(guess, max_iterations=0).cost
     for share, accepted in ((0.999, not rising), (1.001, rising)):
-        settings = FddpSettings(step_lengths=(1.0,), acceptance=share, ascent_acceptance=share)
+        settings = FddpSettings(step_lengths=(1.0,), acceptance=share)
+        monkeypatch.setattr("lgmpc.solvers.fddp._ASCENT", share)
         reports: list[Progress] = []
         after = Fddp(problem, settings).solve(guess, max_iterations=1, callback=reports.append).cost
         assert reports[0].accepted is accepted
@@ -473,11 +474,12 @@ def test_a_solve_can_start_from_more_regularisation(unicycle: ShootingProblem) -
         FddpSettings(initial_regularization=1e-12)
 
 
-def test_regularisation_does_not_make_a_point_converged(unicycle: ShootingProblem) -> None:
+def test_regularisation_does_not_make_a_point_converged(
+    unicycle: ShootingProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """However large the regularisation makes the expected reduction small, the last sweep is without it."""
-    settings = FddpSettings(
-        initial_regularization=1e8, regularization=(1e-9, 1e9), decrease_above=1.0, tolerance=1e-2, stationarity=np.inf
-    )
+    monkeypatch.setattr("lgmpc.solvers.fddp._LONG", 1.0)  # it never decreases
+    settings = FddpSettings(initial_regularization=1e8, tolerance=1e-2, stationarity=np.inf)
     solution = Fddp(unicycle, settings).solve(unicycle.rollout(np.zeros((20, 2))))
     assert solution.status is Status.CONVERGED
     assert solution.cost == pytest.approx(Fddp(unicycle).solve().cost, abs=1e-2)
@@ -519,7 +521,7 @@ def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:
     ("name", "value"),
     [
         ("regularization", (0.0, 1.0)),
-        ("regularization_factor", 1.0),
+        ("acceptance", -1.0),
         ("step_lengths", ()),
         ("tolerance", 0.0),
         ("stationarity", float("nan")),

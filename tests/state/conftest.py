@@ -47,13 +47,13 @@ def humanoid() -> pin.Model:
 
 
 STATES: dict[str, State] = {
-    "vector": StateVector(4, np.full(4, -1.0), np.full(4, 2.0)),
+    "vector": StateVector(4),
     "every joint": StateMultibody(every_joint()),
     "humanoid": StateMultibody(humanoid()),
     "product": ProductState(
-        StateVector(2, np.zeros(2), np.ones(2)),
+        StateVector(2),
         StateMultibody(every_joint()),
-        ProductState(StateMultibody(model_of(ball=pin.JointModelSpherical())), StateVector(1, [0.0], [1.0])),
+        ProductState(StateMultibody(model_of(ball=pin.JointModelSpherical())), StateVector(1)),
     ),
 }
 
@@ -68,16 +68,11 @@ def multibody() -> StateMultibody:
     return STATES["every joint"]
 
 
-def bounds(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Finite bounds: the state's own where it has any."""
-    return np.where(np.isfinite(state.lower), state.lower, -2.0), np.where(np.isfinite(state.upper), state.upper, 2.0)
-
-
 @pytest.fixture
 def points(state: State) -> list[np.ndarray]:
     """A few random points of ``state``."""
     rng = np.random.default_rng(7)
-    return [state.integrate(state.neutral(), rng.uniform(*bounds(state))) for _ in range(4)]
+    return [state.integrate(state.neutral(), rng.uniform(-2.0, 2.0, state.ndx)) for _ in range(4)]
 
 
 @pytest.fixture

@@ -229,6 +229,8 @@ def test_limits_come_from_the_model(multibody) -> None:
     assert np.array_equal(multibody.upper[:nv], np.where(unlimited, np.inf, 2.0))
     assert np.array_equal(multibody.lower[nv:], np.full(nv, -3.0))
     assert np.array_equal(multibody.upper[nv:], np.full(nv, 3.0))
+    with pytest.raises(ValueError, match="read-only"):
+        multibody.lower[0] = 0.0
 
 
 def test_the_largest_float_means_no_limit() -> None:

@@ -21,7 +21,6 @@ def test_factors_sit_side_by_side(ball) -> None:
     assert product.x_slices == (slice(0, 2), slice(2, 9), slice(9, 10))
     assert product.dx_slices == (slice(0, 2), slice(2, 8), slice(8, 9))
     assert np.array_equal(product.neutral(), np.r_[0.0, 0.0, ball.neutral(), 0.0])
-    assert np.array_equal(product.upper, np.r_[np.inf, np.inf, ball.upper, np.inf])
     x, dx = product.neutral(), np.arange(9.0) / 10.0
     moved = product.integrate(x, dx)
     assert np.array_equal(moved[2:9], ball.integrate(ball.neutral(), dx[2:8]))
@@ -45,9 +44,3 @@ def test_bad_arguments_are_refused() -> None:
         StateVector(0)
     with pytest.raises(InputError, match="n: got 2.5; expected a whole number"):
         StateVector(2.5)
-    with pytest.raises(InputError, match=r"lower: .* expected numbers, shape \(2,\)"):
-        StateVector(2, lower=["low", "lower"])
-    with pytest.raises(InputError, match=r"upper: .* expected shape \(3,\)"):
-        StateVector(3, upper=np.ones(2))
-    with pytest.raises(InputError, match="lower: got 1 at index 0; expected at most the upper bound, 0"):
-        StateVector(2, np.ones(2), np.zeros(2))

@@ -28,8 +28,9 @@ class Planner:
     Every tick the observer compares the change of the centroidal momentum with what the whole-body QP predicted; at the
     MPC's rate the MPC plans anew from the measured state under the observed wrench; in between the plan is sampled.
     Whatever the model, the plan is followed through the whole-body QP, also where it holds torques: the QP keeps the
-    friction cones at every tick, which a plan's torques with feedback between two updates do not. A stale plan
-    is not followed: the whole-body QP then regulates centre of mass, angular momentum and posture by itself.
+    friction cones at every tick, which a plan's torques with feedback between two updates do not. The base keeps the
+    commanded attitude, not that of a plan, which trades it for effort: heavy legs would tilt the base twice as far. A
+    stale plan is not followed: the whole-body QP then regulates centre of mass, angular momentum and posture by itself.
 
     Args:
         robot: the controller's model.
@@ -130,11 +131,9 @@ class Planner:
         tasks.angular_momentum.targets_together[...] = sampler.turning[row]
         contacts.target_forces[...] = motion.forces[row]
         if posture is not None:
-            base, joints = tasks.base_orientation.target, tasks.posture.target
-            base.rotation[:] = posture.base_rotation[row]
-            base.angular_velocity[:] = posture.base_angular_velocity[row]
-            joints.position[:] = posture.joint_position[row]
-            joints.velocity[:] = posture.joint_velocity[row]
+            joints = tasks.posture.target
+            joints.position[:] = posture.position[row]
+            joints.velocity[:] = posture.velocity[row]
         return True
 
     def observe(self, momentum: Array, missed: int = 0) -> Array:

@@ -19,7 +19,15 @@ from pydantic import Field
 from lgmpc.actions import ContactForwardDynamics, ExternalWrench, MultibodyAction, Unknowns
 from lgmpc.compile import StageKernel
 from lgmpc.costs import ConstraintItem, CostItem
-from lgmpc.costs.library import CentroidalMomentum, CoMPosition, ContactForce, Control, FrictionCone, StateError
+from lgmpc.costs.library import (
+    CentroidalMomentum,
+    CoMPosition,
+    ContactForce,
+    Control,
+    FrameTranslation,
+    FrictionCone,
+    StateError,
+)
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.interface import MeasuredState
@@ -32,7 +40,7 @@ from lgmpc.robot.feet import UP, touching
 from lgmpc.robot.scaling import weight_factor
 from lgmpc.settings import Extension, NonNegative, Positive
 from lgmpc.solvers import Solution
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
 __all__ = ["FullBodyMpc", "FullBodyMpcSettings", "FullBodyWeights", "contact_point_model", "holding_efforts"]
 
@@ -40,9 +48,10 @@ __all__ = ["FullBodyMpc", "FullBodyMpcSettings", "FullBodyWeights", "contact_poi
 class FullBodyWeights(CentroidalWeights):
     """Weights of the squared deviations that the full-body MPC minimises."""
 
-    base_orientation: NonNegative = Field(default=1.0, description="Rotation of the base, 1/rad2.")
-    posture: NonNegative = Field(default=0.1, description="Joints, from the reference posture, 1/rad2.")
-    joint_velocity: NonNegative = Field(default=1e-3, description="Speeds of the joints, 1/(rad/s)2.")
+    base_orientation: NonNegative = Field(default=200.0, description="Rotation of the base, 1/rad2.")
+    posture: NonNegative = Field(default=0.01, description="Joints, from the reference posture, 1/rad2.")
+    swing: NonNegative = Field(default=1e3, description="Feet in the air, from their way to the next foothold, 1/m2.")
+    joint_velocity: NonNegative = Field(default=0.01, description="Speeds of the joints, 1/(rad/s)2.")
     effort: Positive = Field(
         default=1e-3, description="Joint torques, from those that hold the posture, 1/(N.m)2 (scaled by mass)."
     )
@@ -110,6 +119,7 @@ class FullBodyMpc(SqpMpc):
             CostItem("state", StateError(dynamics.state)),
             CostItem("effort", Control(robot.nu)),
             *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
+            *(CostItem(f"swing{i}", FrameTranslation(frame)) for i, frame in enumerate(contacts)),
             *costs,
         ]
         cones = [FrictionCone(frame, s.facets(robot)) for frame in contacts]
@@ -137,6 +147,9 @@ class FullBodyMpc(SqpMpc):
         self._set_weight("effort", np.full(robot.nu, weight_factor(robot.mass) * w.effort))
         for i in range(nc):
             self._set_weight(f"force{i}", w.forces(1, robot.mass))
+        self._feet = FootPaths(model, contacts, s.node_s)
+        self._swing_weight = np.full(n + 1, w.swing / s.node_s)
+        self._swing_weight[-1] = w.terminal * w.swing
         for item in costs:
             self._set_weight(item.name, item.weight)
         self._normal_force = s.normal_force(robot.mass)
@@ -144,6 +157,7 @@ class FullBodyMpc(SqpMpc):
         self._wrench = view("external_wrench")
         self._com_reference, self._momentum_reference = view("com_reference"), view("momentum_reference")
         self._q_reference = view("state_reference")[:, : robot.nq]
+        self._swings = tuple((view(f"swing{i}_reference"), view(f"swing{i}_weight")) for i in range(nc))
         self._force_references = tuple(view(f"force{i}_reference") for i in range(nc))
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
         self._surfaces = tuple((view(f"cone{i}_friction")[:, 0], view(f"cone{i}_normal")) for i in range(nc))
@@ -189,6 +203,11 @@ class FullBodyMpc(SqpMpc):
             self._q_reference[...] = reference.q
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self.robot.nc) from error
+        ways, in_air = self._feet.ahead(state.q, state.v, contacts)
+        for i, (target, weight) in enumerate(self._swings):
+            target[...] = ways[:, i]
+            np.multiply(self._swing_weight, in_air[:, i], out=weight[:, 0])
+            weight[:, 1:] = weight[:, :1]
         lowest, highest = self._normal_force
         for i, (lower, upper) in enumerate(self._cones):
             # A foot in the air has no force, which lies strictly inside its bounds.
@@ -238,6 +257,53 @@ class FullBodyMpc(SqpMpc):
     def _with_posture(self, plan: Plan, qs: Array, vs: Array) -> Plan:
         qs.flags.writeable = vs.flags.writeable = False
         return dataclasses.replace(plan, posture=PosturePlan(plan.time, plan.node_duration, qs, vs))
+
+
+class FootPaths:
+    """Ways of the contact points of feet in the air to their next footholds, at the nodes of a horizon.
+
+    Each is the cubic that begins with the measured position and velocity, or at rest where the foot lifts off later,
+    and ends at rest. A plan without them leaves the legs where the posture draws them, and so predicts neither their
+    momentum nor where the next forces act.
+
+    Args:
+        model: with a frame at each contact point.
+        contacts: names of these frames.
+        dt: length of an interval, s.
+    """
+
+    def __init__(self, model: pin.Model, contacts: Sequence[str], dt: float) -> None:
+        self._model, self._data, self._dt = model, model.createData(), dt
+        self._frames = [model.getFrameId(name) for name in contacts]
+
+    def ahead(self, q: Array, v: Array, contacts: ContactHorizon) -> tuple[Array, Array]:
+        """Return (N+1, nc, 3) positions, world, m, and the (N+1, nc) nodes at which feet are in the air or land."""
+        model, data = self._model, self._data
+        pin.forwardKinematics(model, data, q, v)
+        flags, (n, nc) = contacts.flags, contacts.flags.shape
+        ways, in_air = np.zeros((n + 1, nc, 3)), np.zeros((n + 1, nc), dtype=np.bool_)
+        swings = [(i, *swing) for i in range(nc) for swing in _swings(flags[:, i])]
+        longest = max((end - begin for _, begin, end in swings if end < n), default=n)
+        for i, begin, end in swings:
+            if begin:
+                start, velocity = contacts.points[begin - 1, i], np.zeros(3)
+            else:
+                frame = self._frames[i]
+                start = pin.updateFramePlacement(model, data, frame).translation
+                velocity = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
+            target = contacts.points[end - 1, i]
+            steps = end - begin if end < n else max(longest, end - begin)
+            s = (np.arange(end - begin + 1) / steps)[:, None]
+            left = steps * self._dt * velocity * s * (1.0 - s) ** 2
+            ways[begin : end + 1, i] = start + s * s * (3.0 - 2.0 * s) * (target - start) + left
+            in_air[begin : end + 1, i] = True
+        return ways, in_air
+
+
+def _swings(flags: BoolArray) -> list[tuple[int, int]]:
+    """Return first and last node of each swing: of each run of intervals whose flag is not set."""
+    changes = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=1, append=1)).tolist()
+    return list(zip(changes[::2], changes[1::2], strict=True))
 
 
 def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:

@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
-from lgmpc.lie import quaternion, so3
 from lgmpc.typing import Array
 
 __all__ = ["MotionSample", "MotionSampler", "MpcStatus", "Plan", "PosturePlan", "PostureSample"]
@@ -62,19 +61,15 @@ _MOTION = [item.name for item in fields(MotionSample) if item.name != "forces"]
 
 @dataclass(frozen=True)
 class PostureSample:
-    """The predicted base and joints, with one row for each of several times.
+    """The predicted joints, with one row for each of several times.
 
     Attributes:
-        base_rotation: (n, 3, 3) body to world.
-        base_angular_velocity: (n, 3) body axes, rad/s.
-        joint_position: (n, nu) rad.
-        joint_velocity: (n, nu) rad/s.
+        position: (n, nu) rad.
+        velocity: (n, nu) rad/s.
     """
 
-    base_rotation: Array
-    base_angular_velocity: Array
-    joint_position: Array
-    joint_velocity: Array
+    position: Array
+    velocity: Array
 
 
 @dataclass(frozen=True)
@@ -94,19 +89,15 @@ class PosturePlan:
     vs: Array
 
     def sample_at(self, times: Array) -> PostureSample:
-        """Return the predicted posture at ``times`` (n,) s: geodesic between nodes, velocities linear in time.
+        """Return the predicted joints at ``times`` (n,) s, linear in time between nodes.
 
-        Before the first node it is that of the first, after the last that of the last.
+        Before the first node they are those of the first, after the last those of the last.
         """
         last = len(self.qs) - 2
         share = np.minimum(np.maximum((times - self.time) / self.node_duration, 0.0), last + 1.0)
         k = np.minimum(share.astype(np.intp), last)
-        s = (share - k)[:, None]
-        start, end = (quaternion.to_matrix(self.qs[i, 3:7]) for i in (k, k + 1))
-        turned = start @ so3.exp(s * so3.log(np.swapaxes(start, -1, -2) @ end))
-        joints = self.qs[k, 7:] + s * (self.qs[k + 1, 7:] - self.qs[k, 7:])
-        speeds = self.vs[k] + s * (self.vs[k + 1] - self.vs[k])
-        return PostureSample(turned, speeds[:, 3:6], joints, speeds[:, 6:])
+        s, q, v = (share - k)[:, None], self.qs[:, 7:], self.vs[:, 6:]
+        return PostureSample(q[k] + s * (q[k + 1] - q[k]), v[k] + s * (v[k + 1] - v[k]))
 
 
 @dataclass(frozen=True)

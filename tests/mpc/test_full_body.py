@@ -19,7 +19,7 @@ from lgmpc.mpc import (
     MpcStatus,
     Plan,
 )
-from lgmpc.mpc.full_body import contact_point_model, holding_efforts
+from lgmpc.mpc.full_body import FootPaths, contact_point_model, holding_efforts
 from lgmpc.robot import Robot, RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
@@ -119,7 +119,7 @@ def test_known_wrench_is_met_at_once(mpc: FullBodyMpc) -> None:
 
 def test_forces_do_not_slip_when_pushed(mpc: FullBodyMpc) -> None:
     for i in range(5):
-        plan = update(mpc, 0.0, pushed(0.3), friction=0.45)
+        plan = update(mpc, 0.0, pushed(0.4), friction=0.45)
         assert plan.status is MpcStatus.SOLVED, i
     slip = np.linalg.norm(plan.forces[..., :2], axis=-1) - 0.45 * plan.forces[..., 2]
     assert -0.2 < slip.max() < 0.01  # friction is used to its limit
@@ -192,7 +192,7 @@ def test_before_any_success_it_stands(mpc: FullBodyMpc) -> None:
     np.testing.assert_allclose(plan.first_forces[:, 2], solo().mass * 9.81 / 3 * np.array([1.0, 0.0, 1.0, 1.0]))
     assert plan.posture is not None
     sample = plan.posture.sample_at(np.array([0.3, 0.5]))
-    np.testing.assert_allclose(sample.base_rotation, np.tile(np.eye(3), (2, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(sample.position, np.tile(solo().q_reference[7:], (2, 1)), atol=1e-12)
     with pytest.raises(ValueError, match="read-only"):
         plan.posture.qs[0, 0] = 1.0
 
@@ -294,3 +294,34 @@ def test_after_a_state_that_is_not_finite_the_guess_is_the_last_plan() -> None:
     np.testing.assert_allclose(resumed.forces, update(mpc, 0.02, pushed(0.25)).forces, atol=1e-5)
     mpc.reset()
     assert np.abs(resumed.forces - update(mpc, 0.02, pushed(0.25)).forces).max() > 1e-3
+
+
+def test_feet_in_the_air_move_to_their_footholds() -> None:
+    """One foot in the air now, one later, one beyond the horizon, one not at all."""
+    model, names = contact_point_model(solo())
+    dt = 0.02
+    paths = FootPaths(model, names, dt)
+    horizon = ContactHorizon.allocate(10, 4)
+    horizon.points[:] = np.random.default_rng(3).uniform(-0.3, 0.3, (4, 3))
+    horizon.flags[:4, 0] = horizon.flags[3:7, 1] = horizon.flags[8:, 2] = False
+    horizon.points[3:, 1] += (0.1, 0.02, 0.03)
+    horizon.points[8:, 2] += (0.1, 0.0, 0.0)
+    q, v = solo().q_reference, np.random.default_rng(4).uniform(-1.0, 1.0, 18)
+    ways, in_air = paths.ahead(q, v, horizon)
+    nodes = [np.flatnonzero(in_air[:, i]).tolist() for i in range(4)]
+    assert nodes == [[0, 1, 2, 3, 4], [3, 4, 5, 6, 7], [8, 9, 10], []]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    np.testing.assert_allclose(ways[0, 0], data.oMf[model.getFrameId(names[0])].translation, atol=1e-12)
+    np.testing.assert_allclose(ways[4, 0], horizon.points[3, 0], atol=1e-12)
+    np.testing.assert_allclose(ways[3, 1], horizon.points[2, 1], atol=1e-12)
+    np.testing.assert_allclose(ways[7, 1], horizon.points[6, 1], atol=1e-12)
+    np.testing.assert_allclose(ways[5, 1], 0.5 * (horizon.points[2, 1] + horizon.points[6, 1]), atol=1e-12)
+    # The one beyond the horizon is half-way, as the others' swings take four intervals.
+    np.testing.assert_allclose(ways[10, 2], 0.5 * (horizon.points[7, 2] + horizon.points[8, 2]), atol=1e-12)
+    # The cubic that begins with the measured velocity, a quarter of its way.
+    pin.forwardKinematics(model, data, q, v)
+    velocity = pin.getFrameVelocity(model, data, model.getFrameId(names[0]), pin.LOCAL_WORLD_ALIGNED).linear
+    first, second = ways[:2, 0]
+    other = horizon.points[3, 0] - first
+    np.testing.assert_allclose(second - first, other * (3 - 2 * 0.25) * 0.0625 + 4 * dt * velocity * 0.25 * 0.5625)

@@ -21,10 +21,6 @@ from lgmpc.cli.options import (
 
 __all__ = ["compare", "sweep"]
 
-Workers = Annotated[int | None, option("Worker processes; one for each processor if not given.")]
-Resume = Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")]
-NewFolder = Annotated[Path | None, option("Folder of the results; named after CONFIG if not given.", "--out")]
-
 
 def sweep(
     file: Annotated[
@@ -37,12 +33,12 @@ def sweep(
     ],
     more: MoreOverrides = [],  # noqa: B006
     overrides: Overrides = [],  # noqa: B006
-    out: NewFolder = None,
-    workers: Workers = None,
+    out: Annotated[Path | None, option("Folder of the results; sweeps/NAME if not given.", "--out")] = None,
+    workers: Annotated[int | None, option("Worker processes; one for each processor if not given.")] = None,
     part: Annotated[
         str, option("Compute every N-th point only, from the K-th on, as one of N machines.", metavar="K/N")
     ] = "1/1",
-    resume: Resume = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -54,9 +50,9 @@ def sweep(
     from lgmpc.sweeps import load_sweep
 
     loaded = load_sweep(file, [*overrides, *more])
-    from lgmpc.cli.sweeping import Job, part_of, sweep_shown
+    from lgmpc.cli.sweeping import part_of, sweep_shown
 
-    return sweep_shown(part_of(loaded, part), Job(out, workers, resume, as_json, quiet))
+    return sweep_shown(part_of(loaded, part), out, workers, resume=resume, as_json=as_json, quiet=quiet)
 
 
 def compare(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -22,20 +20,9 @@ from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
 from lgmpc.sweeps.summary import Summary, search_words, summary_tables
 
-__all__ = ["Job", "compare_shown", "part_of", "sweep_shown"]
+__all__ = ["compare_shown", "part_of", "sweep_shown"]
 
 _MOST_REASONS = 5
-
-
-@dataclass(frozen=True)
-class Job:
-    """Options of the commands that compute many runs, as the command line has them."""
-
-    folder: Path | None
-    workers: int | None
-    resume: bool
-    as_json: bool
-    quiet: bool
 
 
 def part_of(sweep: Sweep, text: str) -> Sweep:
@@ -46,38 +33,31 @@ def part_of(sweep: Sweep, text: str) -> Sweep:
     return sweep.part(int(number), int(count))
 
 
-def sweep_shown(sweep: Sweep, job: Job) -> int:
+def sweep_shown(
+    sweep: Sweep, folder: Path | None, workers: int | None, *, resume: bool, as_json: bool, quiet: bool
+) -> int:
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
-    finished = _swept(sweep, job)
+    total = len({point.key for point in sweep.points})
+    with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=quiet) as display:
+        notify, progress = display.announce, display.advance
+        finished = run_sweep(sweep, folder, workers=workers, resume=resume, notify=notify, progress=progress)
     summary = finished.summary
     content = summary.content() | {"versions": dict(versions())}
-    _write(finished.folder / SUMMARY, content)
+    with atomic_write(finished.folder / SUMMARY) as file:
+        file.write((json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
     figure = draw_sweep(sweep, finished.rows, summary, finished.folder)
-    if job.as_json:
+    if as_json:
         print(json.dumps({"folder": str(finished.folder), **content}, indent=2))
     else:
-        _show_sweep(out(), finished, summary, figure, quiet=job.quiet)
+        _show_sweep(out(), finished, summary, figure, quiet=quiet)
     if finished.signal is not None:
         return Interrupted(finished.signal).exit_code
     return 0 if summary.passed else 1
 
 
-def _swept(sweep: Sweep, job: Job) -> FinishedSweep:
-    """Run a sweep, showing its progress."""
-    total = len({point.key for point in sweep.points})
-    with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=job.quiet) as display:
-        compute = partial(run_sweep, sweep, job.folder, workers=job.workers, resume=job.resume)
-        return compute(notify=display.announce, progress=display.advance)
-
-
 def _state(now: SweepProgress) -> tuple[int, str]:
     failed = f"  {now.failed} not passed" if now.failed else ""
     return now.done, failed + ("" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core")
-
-
-def _write(file: Path, content: object) -> None:
-    with atomic_write(file) as stream:
-        stream.write((json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
 
 
 def _show_sweep(
@@ -123,9 +103,8 @@ def _show_comparison(console: Console, found: Comparison, *, quiet: bool) -> Non
     if not quiet:
         console.print(Text(f"A  {found.first}\nB  {found.second}", "dim"))
         if found.differences:
-            show_table(
-                Table(("key", "A", "B"), [tuple(map(_value, vars(each).values())) for each in found.differences])
-            )
+            rows = [(each.key, _value(each.first), _value(each.second)) for each in found.differences]
+            show_table(Table(("key", "A", "B"), rows))
         else:
             console.print("the configs are the same", style="dim")
         marks = ["bad" if each.worse else "" if each.worsening is None else "good" for each in found.quantities]

@@ -40,14 +40,7 @@ if TYPE_CHECKING:
     from lgmpc.solvers import Solution
     from lgmpc.viz import Plots
 
-__all__ = [
-    "FinishedRun",
-    "FinishedSolve",
-    "run_config",
-    "run_session",
-    "save_run",
-    "solve_config",
-]
+__all__ = ["FinishedRun", "FinishedSolve", "run_config", "run_session", "save_run", "solve_config"]
 
 
 @contextmanager

@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 from lgmpc.runs import RunLog, push_intervals
 from lgmpc.runs.log import MODES
 from lgmpc.typing import Array, IntArray
-from lgmpc.viz.figure_files import (
-    EXTRA,
-    LIMIT,
-    PUSH,
-    SOFT,
-    X,
-    Y,
-    Z,
-    legend_above,
-)
+from lgmpc.viz.figure_files import EXTRA, LIMIT, PUSH, SOFT, X, Y, Z, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

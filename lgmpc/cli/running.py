@@ -19,7 +19,7 @@ from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
 from lgmpc.config.session import Iteration, Progress, stop_signals
 from lgmpc.errors import InputError, Interrupted
-from lgmpc.runs import Metrics, Outcome, find_run, measured
+from lgmpc.runs import Outcome, find_run, flat_metrics, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.metrics import timing
@@ -108,7 +108,9 @@ def _show_run(run: FinishedRun, *, quiet: bool) -> None:
     console, metrics, gate = out(), run.session.metrics, run.config.gate
     if metrics is not None and not quiet:
         limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
-        show_table(limits_table(limited, _always_shown(metrics)))
+        values = flat_metrics(metrics)
+        others = [(name, value) for name in _ALWAYS_SHOWN if (value := values.get(name)) is not None]
+        show_table(limits_table(limited, others))
     show_verdict(console, run.session.verdict, run.result.name)
     if not quiet:
         if run.result.origin is not None:
@@ -130,24 +132,18 @@ def _certified(certificate: Certificate) -> Text:
     return Text(f"not certified: {'; '.join(map(str, certificate.broken))}", "yellow")
 
 
-def _always_shown(metrics: Metrics) -> Iterator[tuple[str, float]]:
-    """Yield name and value of the figures that are shown whether the gate limits them or not."""
-    timings = {
-        "mpc": metrics.mpc_ms,
-        "wbc": metrics.wbc_ms,
-        "estimator": metrics.estimator_ms,
-        "forecast": metrics.forecast_ms,
-    }
-    off = metrics.estimator
-    figures = {
-        "survived_s": metrics.survived_s,
-        **{f"{name}_p50_ms": each.p50 if each else None for name, each in timings.items()},
-        "estimated_position_off_by_m": off.max_position_m if off else None,
-        "estimated_tilt_off_by_deg": off.max_tilt_deg if off else None,
-        "estimated_yaw_off_by_deg": off.max_yaw_deg if off else None,
-        "real_time_factor": metrics.real_time_factor,
-    }
-    return ((name, value) for name, value in figures.items() if value is not None)
+_ALWAYS_SHOWN = (
+    "survived_s",
+    "mpc_ms.p50",
+    "wbc_ms.p50",
+    "estimator_ms.p50",
+    "forecast_ms.p50",
+    "estimator.max_position_m",
+    "estimator.max_tilt_deg",
+    "estimator.max_yaw_deg",
+    "real_time_factor",
+)
+"""Metrics that are shown whether the gate limits them or not."""
 
 
 @contextmanager

@@ -59,6 +59,9 @@ _UNITS = {
 
 _ABBREVIATIONS = {each.lower(): each for each in ("CoM", "CoP", "MPC", "RMS", "RMSE", "RPY", "WBC", "ZMP")}
 
+_CLEAR = ("walking", "modes")
+"""Groups of metrics whose names are clear without that of the group."""
+
 _SIGNED = ("clearance", "cost", "distance", "force", "height", "lost", "margin", "rise")
 """Last words, before the unit, of figures that can be negative."""
 
@@ -80,9 +83,12 @@ def figure_words(figure: str, *values: float | None) -> tuple[str, str, float]:
     """Return a figure's words, unit of display and factor to it: of ``com_error_m`` ("CoM error", "mm", 1000).
 
     Args:
-        figure: its name.
+        figure: its name; of a metric in a group also ``mpc_ms.p50`` ("MPC p50", "ms", 1) or ``walking.steps``.
         values: shown together; lengths of a metre or more are in m.
     """
+    group, _, figure = figure.rpartition(".")
+    if group and group not in _CLEAR:
+        figure = f"{group[:-3]}_{figure}_ms" if group.endswith("_ms") else f"{group}_{figure}"
     stem = _stem(figure)
     unit, scale = _UNITS.get(figure.removeprefix(stem), ("", 1.0))
     return _words(stem), *(length_unit(*values) if unit == "mm" else (unit, scale))

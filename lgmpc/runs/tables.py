@@ -59,10 +59,9 @@ def limits_table(
 def figures_table(figures: Mapping[str, float | None]) -> Table:
     """Return the table of figures by their names, which end in the unit; those of groups as ``group.name``."""
     rows = []
-    for key, value in figures.items():
-        group, _, stem = key.rpartition(".")
-        name, unit, scale = figure_words(stem, value)
-        rows.append((f"{group} {name}".strip(), "-" if value is None else figure_number(scale * value, unit), unit))
+    for figure, value in figures.items():
+        name, unit, scale = figure_words(figure, value)
+        rows.append((name, "-" if value is None else figure_number(scale * value, unit), unit))
     return Table(("figure", "measured", "unit"), rows)
 
 

@@ -171,7 +171,7 @@ def _compare_runs(a: Run | SolvedRun, b: Run | SolvedRun, margin: float, wanted:
         x, y = first.get(name), second.get(name)
         if name in wanted:
             found.append(judged(name, x, y, margin))
-        elif not {f"max_{name}", f"min_{name}", name} & limits.keys():
+        elif (x, y) != (None, None) and not {f"max_{name}", f"min_{name}", name} & limits.keys():
             found.append(Quantity(name, x, y))
     return found
 

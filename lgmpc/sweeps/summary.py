@@ -369,7 +369,7 @@ def _medians(group: Group, shown: Sequence[str]) -> Iterator[str]:
 
 
 def _heading(metric: str) -> str:
-    words, unit, _ = figure_words(metric.rpartition(".")[2])
+    words, unit, _ = figure_words(metric)
     return f"median {words} / {unit}" if unit else f"median {words}"
 
 

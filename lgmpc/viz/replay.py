@@ -43,27 +43,23 @@ _TALL = 2.5
 """Ratio of a motion's height to its width, and to the robot's size, above which the camera follows it too."""
 _CLEARANCE = 0.25
 """Height above the floor of robots that never touch it, in lengths of the robot or of its path."""
-_FACTS_OF_RUNS = {
-    "survived_s": "stayed up",
-    "max_tilt_deg": "largest tilt",
-    "max_slip_m": "largest slip",
-    "max_abs_torque_nm": "peak torque",
-    "mpc_ms.p50": "MPC update",
-    "wbc_ms.p50": "whole-body tick",
-    "real_time_factor": "real-time factor",
-}
-_FACTS_OF_STANDING = {
-    "max_displacement_m": "base moved",
-    "final_position_error_m": "ended off by",
-    "min_friction_margin_n": "friction margin",
-}
-_FACTS_OF_WALKING = {
-    "walking.steps": "steps",
-    "walking.velocity_rmse_m_s": "velocity RMSE",
-    "walking.cost_of_transport": "cost of transport",
-    "walking.recovery_time_s": "recovered within",
-}
-"""Metrics on the card, and their words."""
+_FACTS_OF_RUNS = (
+    "survived_s",
+    "max_tilt_deg",
+    "max_slip_m",
+    "max_abs_torque_nm",
+    "mpc_ms.p50",
+    "wbc_ms.p50",
+    "real_time_factor",
+)
+_FACTS_OF_STANDING = ("max_displacement_m", "final_position_error_m", "min_friction_margin_n")
+_FACTS_OF_WALKING = (
+    "walking.steps",
+    "walking.velocity_rmse_m_s",
+    "walking.cost_of_transport",
+    "walking.recovery_time_s",
+)
+"""Metrics on the card."""
 _Content = dict[str, object]
 
 
@@ -169,9 +165,8 @@ def _pushes(log: RunLog) -> list[_Content]:
 
 def _facts(metrics: Metrics) -> list[tuple[str, str]]:
     values = flat_metrics(metrics)
-    shown = _FACTS_OF_RUNS | (_FACTS_OF_STANDING if metrics.walking is None else _FACTS_OF_WALKING)
-    known = {key: value for key in shown if (value := values.get(key)) is not None}
-    return [(shown[key], _fact(key.removesuffix(".p50").rpartition(".")[2], value)[1]) for key, value in known.items()]
+    shown = (*_FACTS_OF_RUNS, *(_FACTS_OF_STANDING if metrics.walking is None else _FACTS_OF_WALKING))
+    return [_fact(name, value) for name in shown if (value := values.get(name)) is not None]
 
 
 def _solved_facts(figures: Mapping[str, float]) -> list[tuple[str, str]]:

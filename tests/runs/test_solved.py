@@ -166,6 +166,9 @@ def test_unknown_bounds_are_found() -> None:
         ("speed_m_s", ("speed", "m/s", 1.0)),
         ("solve_ms", ("solve", "ms", 1.0)),
         ("iterations", ("iterations", "", 1.0)),
+        ("mpc_ms.p50", ("MPC p50", "ms", 1.0)),
+        ("estimator.max_tilt_deg", ("estimator max tilt", "deg", 1.0)),
+        ("walking.steps", ("steps", "", 1.0)),
     ],
 )
 def test_names_are_shown_with_their_units(name: str, expected: tuple[str, str, float]) -> None:

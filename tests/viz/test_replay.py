@@ -38,7 +38,7 @@ def test_the_page_describes_the_run(page, pushed_run) -> None:
     content = content_of(page)
     assert content["name"] == "solo12_pushed"
     assert content["verdict"] == "pass"
-    assert ["base moved", f"{1e3 * pushed_run.result.metrics.max_displacement_m:.3g} mm"] in content["facts"]
+    assert ["max displacement", f"{1e3 * pushed_run.result.metrics.max_displacement_m:.3g} mm"] in content["facts"]
     (push,) = content["pushes"]
     assert push["impulse"] == "1 N·s"
     assert push["label"] == "push 5 N for 0.2 s"

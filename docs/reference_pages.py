@@ -68,6 +68,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.simulation": "/guide/plants",
         "lgmpc.runs": "/guide/runs",
         "lgmpc.sweeps": "/guide/sweeps",
+        "lgmpc.live": "/guide/live",
         "lgmpc.viz": "",
     },
     "Geometric mechanics": {

@@ -6,7 +6,7 @@ The arrows:
     robot -> wbc, locomotion      world -> locomotion, estimation, simulation, runs, viz
     lie, robot -> estimation      lie -> mechanics      parts -> control
     control.interface -> estimation, simulation, hardware      simulation -> hardware
-    everything -> config -> sweeps -> cli
+    everything -> config -> sweeps, live -> cli
 """
 
 from __future__ import annotations

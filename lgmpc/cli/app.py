@@ -27,7 +27,7 @@ from lgmpc.cli.options import (
     complete_run,
     option,
 )
-from lgmpc.cli.screen import guarded, show_page
+from lgmpc.cli.screen import err, guarded, show_page
 from lgmpc.cli.screen import out as stdout
 
 __all__ = ["app"]
@@ -115,12 +115,14 @@ def live(
 
     Commands, pushes and changes of the config are replaced by those of the page. Ctrl-C saves the run.
     """
-    from lgmpc.config import load_config
+    from lgmpc.live.viewing import Viewing
 
-    loaded = load_config(config, [*overrides, *more])
-    from lgmpc.cli.running import live_shown
+    console = err()
+    with Viewing(host, port, token, browser).open(lambda message: console.print(message, markup=False)) as link:
+        from lgmpc.cli.running import live_shown
+        from lgmpc.config import load_config
 
-    live_shown(loaded, out, duration, host, port, token, browser=browser)
+        live_shown(load_config(config, [*overrides, *more]), link, out, duration)
 
 
 @_command

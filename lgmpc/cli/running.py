@@ -27,6 +27,7 @@ from lgmpc.runs.tables import limits_table
 
 if TYPE_CHECKING:
     from lgmpc.hardware import Deployment
+    from lgmpc.live.viewing import Link
 
 __all__ = ["deploy_shown", "live_shown", "run_shown", "serve_shown", "solve_shown"]
 
@@ -66,23 +67,27 @@ def _beginning(config: str, changes: Sequence[str], folder: Path) -> Callable[..
 
 
 def _viewed(config: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
-    from lgmpc.live import viewed_config
+    from lgmpc.live.running import viewed_config
+    from lgmpc.live.viewing import Viewing
 
-    return partial(viewed_config, load_config(config, changes), folder)
+    loaded = load_config(config, changes)
+
+    def run(notify: Callable[[str], None], progress: Callable[[Progress], None]) -> FinishedRun:
+        with Viewing(port=0).open(notify) as link:
+            return viewed_config(loaded, link, folder, notify=notify, progress=progress)
+
+    return run
 
 
-def live_shown(
-    config: Config, folder: Path, duration_s: float, host: str, port: int, token: str, *, browser: bool
-) -> None:
-    """Simulate ``config`` in real time on a page, and print where the run was saved."""
-    from lgmpc.live import Viewing, live_config
+def live_shown(config: Config, link: Link, folder: Path, duration_s: float) -> None:
+    """Simulate ``config`` in real time, driven from a page, and print where the run was saved."""
+    from lgmpc.live.running import live_config
 
     console = err()
     with warnings_on(console):
         saved = live_config(
-            config, folder, viewing=Viewing(host, port, token, browser), duration_s=duration_s,
-            notify=lambda message: console.print(message, markup=False),
-        )  # fmt: skip
+            config, link, folder, duration_s=duration_s, notify=lambda message: console.print(message, markup=False)
+        )
     if saved is None:
         console.print("nothing was recorded")
     else:

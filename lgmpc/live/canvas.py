@@ -54,7 +54,7 @@ class LiveScene(Scene):
     def add_segments(self, path: str, points: Array, color: int, opacity: float = 1.0) -> None:
         """Add line segments at ``path`` that join the (2 n, 3) ``points`` in pairs."""
         pairs = points.reshape(-1, 2, 3).astype(np.float32)
-        self._nodes[path] = self._api.add_line_segments(ROOT + path, pairs, colors=_rgb(color))
+        self._nodes[path] = self._api.add_line_segments(ROOT + path, pairs, colors=_rgb(color), line_width=1.0)
 
     def set(self, path: str, name: str, value: Any) -> None:
         """Do nothing: what viser cannot do is left out, such as an order of drawing."""
@@ -97,9 +97,12 @@ class LiveScene(Scene):
 
     def remove(self, path: str) -> None:
         """Remove all objects below a path."""
-        for each in [each for each in self._nodes if each.startswith(path)]:
-            self._nodes.pop(each).remove()
-            self._drawn.discard(each)
+        removed = {each for each in self._nodes if each.startswith(f"{path}/")}
+        for each in removed:
+            del self._nodes[each]
+        self._api.remove_by_name(ROOT + path)
+        self._drawn -= removed
+        self._values = {key: value for key, value in self._values.items() if key[0] not in removed}
 
     def node(self, path: str) -> Any:
         """Return viser's handle of an object."""

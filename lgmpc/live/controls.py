@@ -46,42 +46,47 @@ class SettingControls:
     def __init__(
         self, gui: viser.GuiApi, tab: Any, config: Config, values: Mapping[str, Any], ask: Callable[[Tune], None]
     ) -> None:
-        self._handles: dict[str, Any] = {}
         self._gui, self._config, self._ask = gui, config, ask
         for child in list(tab._children.values()):
             child.remove()
+        with tab:
+            self._told = gui.add_markdown("Values act at once; they are those of the config's keys.")
         sections: dict[str, list[str]] = {}
         for key in values:
             sections.setdefault(_section(key), []).append(key)
         for section, keys in sections.items():
-            with tab, gui.add_folder(section, expand_by_default=False):
+            with tab, gui.add_folder(_title(section, config), expand_by_default=False):
                 for key in keys:
-                    self._handles[key] = self._add(key, key.removeprefix(f"{section}."), values[key])
+                    self._add(key, key.removeprefix(f"{section}."), values[key])
 
     def confirm(self, key: str, value: Any) -> None:
         """Show the value that the controller has."""
-        handle = self._handles[key]
-        handle.hint = f"{handle.hint.partition(' The controller')[0]} The controller has {value}."
+        self._told.content = f"`{key}` is {value} in the controller."
 
-    def _add(self, key: str, label: str, value: Any) -> Any:
+    def _add(self, key: str, label: str, value: Any) -> None:
         field, ask = field_of(self._config, key), self._ask
         if isinstance(value, tuple):
             handle: Any = self._gui.add_vector3(label, value, min=(0.0, 0.0, 0.0), hint=field.description)
             handle.on_update(lambda _: ask(Tune(key, tuple(map(float, handle.value)))))
-            return handle
+            return
         low, high = bounds_of(field)
         high = _nice(_MOST * max(value, 1e-3)) if high is None else high
         low = min(0.0, value) if low is None else low
         step = _nice((high - low) / 400.0)
         handle = self._gui.add_slider(label, low, high, step, value, hint=field.description)
         handle.on_update(lambda _: ask(Tune(key, float(handle.value))))
-        return handle
 
 
 def _section(key: str) -> str:
     """Return the beginning of a key that names its section: two levels, of gaits three."""
     parts = key.split(".")
     return ".".join(parts[: 3 if parts[1] == "gaits" else 2])
+
+
+def _title(section: str, config: Config) -> str:
+    """Return the title of a section's folder: its key, and the name of a gait."""
+    number = section.removeprefix("locomotion.gaits.")
+    return f"gait {config.locomotion.gaits[int(number)].name}" if number.isdecimal() else section
 
 
 def _nice(value: float) -> float:

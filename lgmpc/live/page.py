@@ -13,13 +13,13 @@ import numpy as np
 import viser
 from viser import uplot
 
+from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config
 from lgmpc.lie import quaternion
 from lgmpc.live.canvas import ROOT, LiveScene, wxyz
 from lgmpc.live.controls import SettingControls, add_worlds
-from lgmpc.live.wishes import Drive, Ended, Note, Pace, Pull, Restart, Save, Started, Tuned
+from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
-from lgmpc.robot import Robot
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.walking import heading
 from lgmpc.typing import Array
@@ -32,7 +32,7 @@ from lgmpc.viz.stage import FLOOR_COLOR, add_solids, frame_camera
 from lgmpc.world import Plane
 
 if TYPE_CHECKING:
-    from lgmpc.live.viewer import History
+    from lgmpc.live.history import History
 
 __all__ = ["Page"]
 
@@ -40,6 +40,9 @@ _SWING = 30
 """Pictures over which the path of a swing is drawn."""
 _PLOTTED = 600
 _FURTHER = 1.7
+_LEAST_RANGE = 0.2
+_FOLLOW_S, _JUMP_M = 0.2, 2.0
+_TIME_AXIS = uplot.Scale(time=False, auto=True)
 _STEP_M_S, _STEP_RAD_S = 0.1, 0.2
 _KEYS = {
     "w": ("vx", _STEP_M_S), "s": ("vx", -_STEP_M_S), "a": ("vy", _STEP_M_S), "d": ("vy", -_STEP_M_S),
@@ -58,22 +61,18 @@ class Page:
 
     Args:
         config: the closed loop.
-        robot: its robot.
+        server: which serves it.
         pipe: to the loop.
-        host: address to listen at.
-        port: to listen at.
 
     Attributes:
-        robot: as given.
-        port: that is listened at.
+        robot: of the config.
+        stale: whether to draw again although there is no new picture.
     """
 
-    def __init__(self, config: Config, robot: Robot, pipe: Connection, host: str, port: int) -> None:
-        self.robot, self._config, self._pipe = robot, config, pipe
-        self._server = server = viser.ViserServer(host, port, label=f"{config.name} · lgmpc live", verbose=False)
-        server.request_share_url = _refused  # viser's tunnel would publish the page
-        self.port = server.get_port()
-        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+    def __init__(self, config: Config, server: viser.ViserServer, pipe: Connection) -> None:
+        self.robot, self._config, self._server, self._pipe = build_robot(config), config, server, pipe
+        robot = self.robot
+        server.gui.set_panel_label(f"{config.name} · lgmpc live")
         self._scene = LiveScene(server)
         self._body = load_body(robot)
         lowest, highest = self._body.bounds(robot.q_reference)
@@ -85,7 +84,7 @@ class Page:
         self._shift, self._grip = np.zeros(3), np.zeros(3)
         self._gaits: tuple[str, ...] = ()
         self._ended = ""
-        self._told, self._plotted_at = 0.0, 0.0
+        self._told, self._plotted_at, self._followed_at, self.stale = 0.0, 0.0, 0.0, False
         self._pace = Pace()
         self._layout(lowest, highest)
 
@@ -148,6 +147,7 @@ class Page:
             self._speed = gui.add_slider("speed", 0.05, 1.0, 0.05, 1.0, hint="simulated over elapsed time")
             self._speed.on_update(lambda _: self._set_pace())
             self._scrub = gui.add_slider("look back, s", -30.0, 0.0, 0.05, 0.0, hint="at most 30 s; 0: now")
+            self._scrub.on_update(lambda _: setattr(self, "stale", True))
             save = gui.add_button("Save as a run")
             save.on_click(lambda _: self._ask(Save()))
         with gui.add_folder("again"):
@@ -181,7 +181,7 @@ class Page:
             title: gui.add_uplot(
                 (none,) * (1 + len(lines)),
                 (uplot.Series(label="s"), *map(_curve, lines, colors)),
-                scales={"x": uplot.Scale(time=False, auto=True)}, title=title, aspect=1.6,
+                scales={"x": _TIME_AXIS}, title=title, aspect=1.6,
             )
             for title, lines in names.items()
         }  # fmt: skip
@@ -195,7 +195,7 @@ class Page:
             pass
 
     def _command(self, **values: Any) -> None:
-        self._ask(Drive(CommandEntry(at_s=0.0, **values)))
+        self._ask(CommandEntry(at_s=0.0, **values))
 
     def _steer(self) -> None:
         vx, vy, turn = (float(self._sticks[name].value) for name in ("vx", "vy", "turn"))
@@ -267,6 +267,7 @@ class Page:
         """Show another run."""
         scene, world = self._scene, history.world
         scene.remove("/ground")
+        scene.remove("/overlay")
         floor = next((each for each in world.surfaces if isinstance(each, Plane)), Plane())
         turn = turns_to(np.array([floor.normal_vector]))[0]
         cell = self._scale.length
@@ -286,28 +287,26 @@ class Page:
         self._paused.value, self._speed.value, self._scrub.value = False, 1.0, 0.0
         self._ended = ""
 
-    def tuned(self, message: Tuned) -> None:
+    def tuned(self, message: Tune) -> None:
         """Show the value of a setting as the controller has it."""
         self._values.confirm(message.key, message.value)
 
-    def tell(self, message: Note | Ended) -> None:
+    def tell(self, message: Note) -> None:
         """Show a message."""
-        text = message.reason if isinstance(message, Ended) else message.text
-        if isinstance(message, Ended):
-            self._ended = f"\n\n**{'Failed' if message.error else 'Over'}: {text}**"
-            self._told = 0.0
-        title = "The run failed" if message.error and isinstance(message, Ended) else "lgmpc"
+        if message.over:
+            self._ended = f"\n\n**{'Failed' if message.error else 'Over'}: {message.text}**"
+            self._told, self.stale = 0.0, True
         for client in self._server.get_clients().values():
-            client.add_notification(title, text, color="red" if message.error else "green", auto_close_seconds=12.0)
+            client.add_notification(
+                "lgmpc live", message.text, color="red" if message.error else "green", auto_close_seconds=12.0
+            )
 
     def draw(self, history: History) -> None:
         """Draw the last picture, or the one that is looked back at."""
         if not self._server.get_clients():
             return
-        rows, back = history.rows, float(self._scrub.value)
-        last = len(rows) - 1
-        if back < 0.0:
-            last = max(last + round(60.0 * back), 0)
+        self.stale, back = False, float(self._scrub.value)
+        last = history.at(back)
         log, extras = history.log(last, _SWING), history.extras(last)
         now = monotonic()
         with self._server.atomic():
@@ -329,9 +328,9 @@ class Page:
         if self._follow.value:
             x, y, _ = log.base_pose[-1, :3]
             target = -np.array([x, y, log.ground_height[-1]])
-            self._shift = (
-                self._shift + 0.1 * (target - self._shift) if np.linalg.norm(target - self._shift) < 1.0 else target
-            )
+            way, now = target - self._shift, monotonic()
+            share = 1.0 if np.linalg.norm(way) > _JUMP_M else 1.0 - math.exp((self._followed_at - now) / _FOLLOW_S)
+            self._shift, self._followed_at = self._shift + share * way, now
             self._root.position = self._shift
 
     def _draw_belief(self, extras: Array) -> None:
@@ -347,14 +346,14 @@ class Page:
         )
 
     def _write_status(self, log: RunLog, extras: Array, back: float) -> None:
-        ahead, left = _velocity(log)[-1]
+        ahead, left = np.round(_velocity(log)[-1], 2)
         mode = MODES[log.mode[-1]] if log.mode is not None else ""
         gait = self._gaits[int(extras[2])] if extras[2] >= 0 else ""
         pace = "paused" if extras[1] else f"{extras[0]:.2f} x real time"
         pushed = float(np.linalg.norm(log.push[-1, :3]))
         self._status.content = (
             f"**{mode}** · {gait} · {log.time[-1]:.2f} s · {'looking back' if back < 0.0 else pace}\n\n"
-            f"ahead {ahead:+.2f} m/s, left {left:+.2f} m/s, tilt {log.tilt_deg[-1]:.1f}°"
+            f"ahead {ahead + 0.0:+.2f} m/s, left {left + 0.0:+.2f} m/s, tilt {log.tilt_deg[-1]:.1f}°"
             + (f", push {pushed:.1f} N" if pushed > 0.0 else "") + self._ended
         )  # fmt: skip
 
@@ -367,11 +366,10 @@ class Page:
             (velocity[:, 0], velocity[:, 1], wanted), (log.tilt_deg,), (effort,)
         )  # fmt: skip
         for plot, lines in zip(self._plots.values(), values, strict=True):
+            low, high = min(map(np.min, lines)), max(map(np.max, lines))
+            margin = 0.5 * max(_LEAST_RANGE - (high - low), 0.1 * (high - low))  # rounding errors are no motion
+            plot.scales = {"x": _TIME_AXIS, "y": uplot.Scale(range=(low - margin, high + margin))}
             plot.data = (time, *lines)
-
-    def close(self) -> None:
-        """Stop serving."""
-        self._server.stop()
 
 
 def _curve(name: str, color: str) -> uplot.Series:
@@ -383,10 +381,6 @@ def _velocity(log: RunLog) -> Array:
     (x, y), yaw = log.momentum[:, :2].T / log.mass_kg, heading(log.base_pose[:, 3:])
     c, s = np.cos(yaw), np.sin(yaw)
     return np.column_stack((c * x + s * y, c * y - s * x))
-
-
-def _refused(*_: object, **__: object) -> None:
-    return None
 
 
 def _color(color: int) -> tuple[int, int, int]:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from multiprocessing.connection import Connection
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, sleep
 from types import MappingProxyType
@@ -26,13 +25,14 @@ from lgmpc.config.session import StopSignals
 from lgmpc.errors import InputError, LgmpcError
 from lgmpc.live.ring import RingWriter
 from lgmpc.live.tuning import Tuner
-from lgmpc.live.wishes import Drive, Ended, Note, Pace, Pull, Restart, Save, Started, Tune, Tuned
+from lgmpc.live.viewing import Link
+from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry, MotionCommand
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["EXTRAS", "PICTURE_S", "Link", "LiveRun", "PageCommands", "Publisher", "Pulls", "ShownRun"]
+__all__ = ["EXTRAS", "PICTURE_S", "LiveRun", "PageCommands", "Publisher", "Pulls", "ShownRun"]
 
 PICTURE_S = 1.0 / 60.0
 """Least time between two pictures, s."""
@@ -49,34 +49,6 @@ _SAME_CHANGE_S = 0.5
 EXTRAS = 8
 """Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
 number of the gait, and the ground as the controller believes it to be: slope (2) and a point (3)."""
-
-
-@dataclass(frozen=True)
-class Link:
-    """The loop's end of the channel to a viewer.
-
-    Attributes:
-        pipe: wishes come, and messages go.
-    """
-
-    pipe: Connection
-
-    def send(self, message: object) -> None:
-        """Send a message, unless there is no viewer any more."""
-        try:
-            self.pipe.send(message)
-        except OSError:
-            pass
-
-    def wishes(self) -> list[Any]:
-        """Return what came since the last call."""
-        found = []
-        try:
-            while self.pipe.poll():
-                found.append(self.pipe.recv())
-        except (OSError, EOFError):
-            pass
-        return found
 
 
 class PageCommands:
@@ -314,7 +286,7 @@ class LiveRun(ShownRun):
                 self._publisher.write(0.0, True)
                 if self.after is None:
                     ending = self._failure or f"the run ended after {self._time:.1f} s"
-                    self._link.send(Ended(ending, error=bool(self._failure)))
+                    self._link.send(Note(ending, error=bool(self._failure), over=True))
                 while self.after is None:
                     self._answer()
                     sleep(_WISHES_S)
@@ -323,17 +295,17 @@ class LiveRun(ShownRun):
                 raise
 
     def _fulfil(self, wish: Any) -> None:
-        if isinstance(wish, Drive):
-            gait, gaits = wish.entry.gait, self._session.controller.feet.gaits
+        if isinstance(wish, CommandEntry):
+            gait, gaits = wish.gait, self._session.controller.feet.gaits
             if gait is not None and gait not in gaits:
                 raise InputError("gait", gait, "the name of a gait", tuple(gaits), word=gait)
             if not self._config.mpc.enabled:
                 raise InputError("mpc.enabled", False, "true: without a plan the robot only stands")
-            self._commands.ask(wish.entry)
+            self._commands.ask(wish)
         elif isinstance(wish, Pull):
             self._pulls.pull(wish)
         elif isinstance(wish, Tune):
-            self._link.send(Tuned(wish.key, self._tuner.set(wish.key, wish.value)))
+            self._link.send(Tune(wish.key, self._tuner.set(wish.key, wish.value)))
             self._remember(wish)
         elif isinstance(wish, Restart):
             self.after = wish

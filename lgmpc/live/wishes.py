@@ -1,4 +1,7 @@
-"""What the page asks of the run, and what the run tells the page, besides the rows of the ring."""
+"""What the page asks of the run, and what the run tells the page, besides the rows of the ring.
+
+The page also sends changes of the motion command, as entries of a config's ``commands`` whose time does not matter.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,9 @@ from typing import Any
 import numpy as np
 
 from lgmpc.config.schema import Config
-from lgmpc.locomotion.command import CommandEntry
 from lgmpc.typing import Array
 
-__all__ = ["Drive", "Ended", "Note", "Opened", "Pace", "Pull", "Restart", "Save", "Started", "Tune", "Tuned"]
-
-
-@dataclass(frozen=True)
-class Drive:
-    """A change of the motion command, from the next tick on.
-
-    Attributes:
-        entry: the quantities that change; its time does not matter.
-    """
-
-    entry: CommandEntry
+__all__ = ["Note", "Pace", "Pull", "Restart", "Save", "Started", "Tune"]
 
 
 @dataclass(frozen=True)
@@ -57,7 +48,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class Tune:
-    """Another value of a setting.
+    """Another value of a setting; the answer is its value as read from the running controller.
 
     Attributes:
         key: dotted key of the config.
@@ -85,19 +76,6 @@ class Save:
 
 
 @dataclass(frozen=True)
-class Opened:
-    """The page is served.
-
-    Attributes:
-        url: its address.
-        error: what prevented it, if anything did.
-    """
-
-    url: str = ""
-    error: str = ""
-
-
-@dataclass(frozen=True)
 class Started:
     """A run begins, whose rows follow.
 
@@ -117,39 +95,15 @@ class Started:
 
 
 @dataclass(frozen=True)
-class Tuned:
-    """The value of a setting, as read from the running controller.
-
-    Attributes:
-        key: of the config.
-        value: as it is now.
-    """
-
-    key: str
-    value: Any
-
-
-@dataclass(frozen=True)
 class Note:
     """A message for the user.
 
     Attributes:
         text: the message.
         error: whether something went wrong.
+        over: whether the run is over: nothing moves until a restart.
     """
 
     text: str
     error: bool = False
-
-
-@dataclass(frozen=True)
-class Ended:
-    """The run is over; nothing moves until a restart.
-
-    Attributes:
-        reason: why, such as the controller's exception.
-        error: whether it was one.
-    """
-
-    reason: str
-    error: bool = False
+    over: bool = False

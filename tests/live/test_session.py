@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import signal
+import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,9 +20,10 @@ from lgmpc.config.build import prepare
 from lgmpc.config.session import stop_signals
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.live.ring import RingReader
-from lgmpc.live.session import EXTRAS, Link, LiveRun, Pulls
+from lgmpc.live.session import EXTRAS, LiveRun, Pulls
 from lgmpc.live.tuning import Tuner
-from lgmpc.live.wishes import Drive, Ended, Note, Pace, Pull, Restart, Save, Started, Tune, Tuned
+from lgmpc.live.viewing import Link, Viewing
+from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
 from lgmpc.runs import Run, load_run
 from lgmpc.runs.difference import first_difference
@@ -76,8 +78,8 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Player]]:
         player.close()
 
 
-def walk(velocity: float) -> Drive:
-    return Drive(CommandEntry(at_s=0.0, velocity_m_s=(velocity, 0.0, 0.0), gait="trot"))
+def walk(velocity: float) -> CommandEntry:
+    return CommandEntry(at_s=0.0, velocity_m_s=(velocity, 0.0, 0.0), gait="trot")
 
 
 def interrupt() -> None:
@@ -124,7 +126,7 @@ def test_a_setting_changes_in_the_running_controller(start: Callable[..., Player
         (0.1, Tune("wbc.weights.com", (20.0, 20.0, 40.0))), (0.2, Tune("wbc.weights.nonsense", 1.0)),
         (0.3, Tune("locomotion.swing.clearance_m", -1.0)), (0.4, Save()), (0.41, Restart()),
     )  # fmt: skip
-    assert player.messages(Tuned) == [Tuned("wbc.weights.com", (20.0, 20.0, 40.0))]
+    assert player.messages(Tune) == [Tune("wbc.weights.com", (20.0, 20.0, 40.0))]
     assert task.weight.tolist() == [20.0, 20.0, 40.0]
     unknown, negative, _ = player.messages(Note)
     assert unknown.error and "wbc.weights.stance" in unknown.text
@@ -147,8 +149,8 @@ def test_an_exception_in_the_controller_ends_the_run_and_is_told(
         player.run._session.controller.wbc.solve = solve  # type: ignore[method-assign,assignment]
 
     player.play((0.2, broken))
-    (ended,) = player.messages(Ended)
-    assert ended.error and "a fault of one's own task" in ended.reason
+    (ended, _) = player.messages(Note)
+    assert ended.error and ended.over and "a fault of one's own task" in ended.text
     assert player.run.after == Restart("floor")
     run = saved(player)
     assert run.result.verdict.reasons[0].startswith("ended early, at 0.2")
@@ -216,3 +218,27 @@ def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config)
     pulls.pull(Pull(0))
     assert pulls.is_active(0.0) and not pulls.wrenches(0.0)[body].any()
     assert not pulls.is_active(0.001)
+
+
+@pytest.mark.parametrize(
+    ("viewing", "words"),
+    [
+        (Viewing("0.0.0.0"), "--token.*0.0.0.0 may be reached from other machines"),
+        (Viewing("0.0.0.0", token="a b"), "--token.*letters"),
+    ],
+)
+def test_another_address_needs_a_token(viewing: Viewing, words: str) -> None:
+    with pytest.raises(InputError, match=words), viewing.open(print):
+        pass
+
+
+def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        viewing = Viewing(port=taken.getsockname()[1])
+        with (
+            pytest.raises(InputError, match=r"--port: got 127\.0\.0\.1:\d+ .*0 takes any"),
+            viewing.open(print),
+        ):
+            pass

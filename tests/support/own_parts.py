@@ -87,3 +87,14 @@ def nothing(*arguments: object) -> None:
 def failing(*arguments: object) -> None:
     """Raise an exception."""
     raise RuntimeError("it has no battery")
+
+
+class FailsWhenFast(NumericTask):
+    """Has a fault that appears at speed."""
+
+    dim = 1
+
+    def update(self, terms: WholeBodyTerms) -> None:
+        """Raise above half a metre a second."""
+        if terms.px > 1.25:
+            raise RuntimeError("too fast")

@@ -1,0 +1,158 @@
+"""The page in a real browser, which drives a run in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lgmpc.chromium import find_chromium
+from lgmpc.config import load_config
+from lgmpc.runs import Run, load_run
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.slow,
+    pytest.mark.skipif(find_chromium() is None, reason="no Chromium is installed: apt-get install chromium"),
+]
+
+SIZE = {"width": 800, "height": 480}
+TRUNK = (400, 168)
+"""Where the trunk is on the page."""
+PATIENCE = 90_000.0  # ms; the machine may be busy
+SUPPORT = Path(__file__).parents[1] / "support"
+
+
+@contextmanager
+def live(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A live run, and the address of its page."""
+    command = [sys.executable, "-m", "lgmpc", "live", "solo12_velocity", "--no-browser", "--port", "0"]
+    environment = {**os.environ, "PYTHONPATH": str(SUPPORT), "PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(
+        [*command, "--out", str(folder), *arguments], stderr=subprocess.PIPE, text=True, env=environment
+    )
+    try:
+        assert process.stderr is not None
+        line = next(line for line in process.stderr if line.startswith("page: "))
+        yield process, line.removeprefix("page: ").strip()
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+
+
+@pytest.fixture
+def visit(browser: Any) -> Iterator[Callable[[str], Any]]:
+    """Open the page of an address; it makes no error."""
+    problems: list[str] = []
+    tabs = []
+
+    def visit(url: str) -> Any:
+        tab = browser.new_page(viewport=SIZE)
+        tab.set_default_timeout(PATIENCE)
+        tab.on("pageerror", lambda error: problems.append(str(error)))
+        tab.goto(url)
+        tab.wait_for_selector("text=real time")
+        tabs.append(tab)
+        return tab
+
+    yield visit
+    for tab in tabs:
+        tab.close()
+    assert problems == []
+
+
+def wait_for(tab: Any, pattern: str) -> None:
+    """Wait until the page's text matches."""
+    tab.wait_for_function("pattern => new RegExp(pattern).test(document.body.innerText)", arg=pattern)
+
+
+def saved_run(process: subprocess.Popen[str], folder: Path) -> Run:
+    process.send_signal(signal.SIGINT)
+    process.wait(60.0)
+    (path,) = folder.iterdir()
+    run = load_run(path)
+    assert isinstance(run, Run)
+    return run
+
+
+def test_the_page_drives_pushes_and_tunes_the_robot_and_shows_a_failure(
+    visit: Callable[[str], Any], tmp_path: Path
+) -> None:
+    with live(tmp_path, "--set", "wbc.tasks=[own_parts:FailsWhenFast]") as (process, url):
+        tab = visit(url)
+        wait_for(tab, r"stand · stand")
+        tab.mouse.move(*TRUNK)
+        tab.mouse.down()
+        for step in range(1, 9):
+            tab.mouse.move(TRUNK[0] - 8 * step, TRUNK[1])
+            tab.wait_for_timeout(50)
+        wait_for(tab, r"push \d")
+        tab.mouse.up()
+
+        for _ in range(2):
+            tab.keyboard.press("w")
+        wait_for(tab, r"locomote[^]*ahead \+0\.(1[6-9]|2)")
+
+        tab.click("role=tab[name='Settings']")
+        tab.click("text=wbc.gains")
+        tab.locator("input[value='1600']:visible").first.fill("1200")
+        wait_for(tab, r"wbc\.gains\.swing\.kp is 1200")
+
+        tab.click("role=tab[name='Drive']")
+        for _ in range(8):
+            tab.keyboard.press("w")
+        wait_for(tab, r"Failed: ended early, at [\d.]+ s: RuntimeError: too fast")
+        log = (run := saved_run(process, tmp_path)).log
+
+    config = load_config(run.path / "config.yaml")
+    assert [change.set for change in config.changes] == [{"wbc.gains.swing.kp": 1200.0}]
+    walked = [entry.velocity_m_s[0] for entry in config.commands if entry.velocity_m_s]
+    assert walked[:3] == pytest.approx([0.1, 0.2, 0.3])
+    pushed = np.flatnonzero(np.linalg.norm(log.push[:, :3], axis=1) > 1.0)
+    assert len(pushed) > 20
+    before, during = log.momentum[pushed[0] - 1, :3], log.momentum[pushed[0] : pushed[-1] + 1, :3]
+    assert np.linalg.norm(during - before, axis=1).max() / log.mass_kg > 0.02
+
+
+def test_another_address_requires_a_token_and_lets_nobody_in_without_it(tmp_path: Path) -> None:
+    with live(tmp_path, "--host", "0.0.0.0", "--token", "sesame", "--port", "0") as (_, url):
+        found = re.fullmatch(r"http://0\.0\.0\.0:(\d+)/\?token=sesame", url)
+        assert found is not None
+        port = int(found[1])
+        assert answer(port, "/") == "403"
+        assert answer(port, "/?token=wrong") == "403"
+        assert answer(port, "/", "Cookie: lgmpc_live=wrong\r\n") == "403"
+        assert answer(port, "/", "Upgrade: websocket\r\n") == "403"
+        assert answer(port, "/?token=sesame") == "303"
+        assert answer(port, "/", "Cookie: lgmpc_live=sesame\r\n") == "200"
+
+
+def answer(port: int, path: str, fields: str = "") -> str:
+    """The status of an HTTP request to this machine."""
+    with socket.create_connection(("127.0.0.1", port), timeout=20.0) as connection:
+        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: here\r\n{fields}\r\n".encode())
+        return connection.recv(64).decode().split(" ")[1]
+
+
+def test_the_death_of_the_viewer_does_not_stop_the_run(tmp_path: Path) -> None:
+    with live(tmp_path) as (process, _):
+        assert process.stderr is not None
+        next(line for line in process.stderr if line.startswith("simulating"))
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        (viewer,) = [each for each in children if "spawn_main" in Path(f"/proc/{each}/cmdline").read_text()]
+        os.kill(int(viewer), signal.SIGKILL)
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(3.0)
+        run = saved_run(process, tmp_path)
+    assert run.log.ticks > 0

@@ -4,7 +4,7 @@ A walking Solo12 in real time, alternately with a headless Chromium that shows i
 duration is that of everything between two calls of the run's watcher but sleep: controller, plant, recorder, and the
 watcher's own pictures and wishes. Chromium draws without a graphics card here and takes a core; a real page does less.
 
-    python scripts/bench_live.py [--pairs 5] [--seconds 10]
+    python scripts/paired_live.py [--pairs 5] [--seconds 10]
 """
 
 from __future__ import annotations

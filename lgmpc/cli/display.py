@@ -7,14 +7,13 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Any, Generic, TypeVar
 
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
-__all__ = ["Display", "counting_display", "progress_display", "warnings_on"]
+__all__ = ["Display", "progress_display", "warnings_on"]
 
 Step = TypeVar("Step")
 
@@ -78,57 +77,6 @@ def progress_display(
 
 def _ignore(_: object) -> None:
     pass
-
-
-@contextmanager
-def counting_display(
-    console: Console, total: int, steps: str, read: Callable[[Step], tuple[int, str]], *, every: int = 1, quiet: bool
-) -> Iterator[Display[Step]]:
-    """Display progress through ``total`` steps, and the time that the others will take.
-
-    Args:
-        console: to print to.
-        total: number of steps.
-        steps: noun of the steps, in the plural.
-        read: from a report to the number of finished steps and a text on the state.
-        every: steps between two lines.
-        quiet: display nothing.
-    """
-    due, first, began = 0, -1, 0.0
-
-    def state(now: Step) -> tuple[int, str]:
-        nonlocal first, began
-        done, text = read(now)
-        if first < 0:
-            first, began = done, perf_counter()
-        left = (perf_counter() - began) * (total - done) / max(1, done - first)
-        return done, text + (f"  about {_duration_words(left)} left" if total > done > first else "")
-
-    def lines(now: Step) -> Iterator[str]:
-        nonlocal due
-        done, text = state(now)
-        if done >= due:
-            due = done + every
-            yield f"{done} of {total} {steps}{text}"
-
-    def bar(now: Step) -> Mapping[str, Any]:
-        done, text = state(now)
-        return {"completed": done, "total": total, "state": f"{done} / {total}{text}"}
-
-    def announce(message: str) -> None:
-        nonlocal first
-        first = -1  # preparations do not count
-        display.announce(message)
-
-    with progress_display(console, lines, bar, quiet=quiet) as display:
-        yield Display(announce, display.advance)
-
-
-def _duration_words(seconds: float) -> str:
-    """Return a duration in hours and minutes, or in minutes and seconds."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
 @contextmanager

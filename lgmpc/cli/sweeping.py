@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import timedelta
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-from lgmpc.cli.display import counting_display
+from lgmpc.cli.display import Display, progress_display
 from lgmpc.cli.screen import err, out, show_table
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import atomic_write, find_run, versions
@@ -38,7 +43,7 @@ def sweep_shown(
 ) -> int:
     """Run a sweep, showing its progress, print its tables, and return the exit code."""
     total = len({point.key for point in sweep.points})
-    with counting_display(err(), total, "points", _state, every=max(1, total // 10), quiet=quiet) as display:
+    with _points_display(total, quiet=quiet) as display:
         notify, progress = display.announce, display.advance
         finished = run_sweep(sweep, folder, workers=workers, resume=resume, notify=notify, progress=progress)
     summary = finished.summary
@@ -55,9 +60,36 @@ def sweep_shown(
     return 0 if summary.passed else 1
 
 
-def _state(now: SweepProgress) -> tuple[int, str]:
-    failed = f"  {now.failed} not passed" if now.failed else ""
-    return now.done, failed + ("" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core")
+@contextmanager
+def _points_display(total: int, *, quiet: bool) -> Iterator[Display[SweepProgress]]:
+    """Show the finished points and the time that the others will take: a bar on terminals, some ten lines elsewhere."""
+    done, first, clock = 0, math.inf, 0.0  # finished points: now, and when the computation began
+
+    def state(now: SweepProgress) -> str:
+        nonlocal done
+        done = now.done
+        text = f"  {now.failed} not passed" if now.failed else ""
+        text += "" if now.speed is None else f"  {now.speed:.2f} simulated s per s and core"
+        if not total > done > first:
+            return text
+        left = (perf_counter() - clock) * (total - done) / (done - first)
+        return f"{text}  about {timedelta(seconds=round(left))} left"
+
+    def lines(now: SweepProgress) -> Iterator[str]:
+        text = state(now)
+        if now.done % max(1, total // 10) == 0:
+            yield f"{now.done} of {total} points{text}"
+
+    def bar(now: SweepProgress) -> Mapping[str, Any]:
+        return {"completed": now.done, "total": total, "state": f"{now.done} / {total}{state(now)}"}
+
+    def announce(message: str) -> None:
+        nonlocal first, clock
+        first, clock = done, perf_counter()  # preparations do not count
+        display.announce(message)
+
+    with progress_display(err(), lines, bar, quiet=quiet) as display:
+        yield Display(announce, display.advance)
 
 
 def _show_sweep(

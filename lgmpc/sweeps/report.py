@@ -111,10 +111,6 @@ def sweep_drawing(sweep: Sweep, rows: Mapping[str, Row], summary: Summary) -> tu
     return ("shares", _share_drawing(summary.levels)) if summary.levels else None
 
 
-def _varies(sweep: Sweep, key: str) -> bool:
-    return len({repr(point.levels[key]) for point in sweep.points}) > 1
-
-
 def _boundary_drawing(curves: Mapping[str, Sequence[tuple[float, float]]], quantity: str) -> Drawing:
     """Return the drawing of boundaries over their horizontal directions; x points up, as the robot walks.
 

@@ -31,6 +31,7 @@ def test_a_sweep_is_run_saved_shown_and_resumed(sweep: Path, invoke: Invoke) -> 
     assert code == 0
     assert "plant.mass_scale  points" in output
     assert "DONE  stand: 1 of 2 points passed" in output
+    assert "1 of 2 points" in output and " left" in output, "the progress"
     assert "simulated seconds per second and core" in output
     code, output = invoke("sweep", sweep, "--resume", "--json", "gate.max_com_error_m=0.0005")
     assert code == 0

@@ -52,6 +52,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.control": "",
         "lgmpc.control.legged": "",
         "lgmpc.control.modes": "/guide/walking",
+        "lgmpc.gym": "/guide/data",
         "lgmpc.hardware": "/guide/hardware",
         "lgmpc.config.deploying": "/guide/hardware",
         "lgmpc.estimation": "/guide/estimation",

@@ -80,6 +80,7 @@ class Feet:
         ground: the plane under the robot, through the last footholds or of the map.
         mapped: the same where there is a map, or None.
         roughness: of the ground that was met lately, by which feet swing higher, m.
+        shifts: (nf, 2) of the footholds of swings, ahead and to the left of the base, m; None for none.
     """
 
     def __init__(
@@ -107,6 +108,7 @@ class Feet:
         self.targets = self.position if self.points.single else np.zeros((robot.nc, 3))
         self._level = True
         self.roughness = 0.0
+        self.shifts: Array | None = None
         self._may_stretch = True  # whether long steps may take longer than scheduled
         self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
         self._points: Array = np.zeros((robot.nf, 3))  # of the feet, as measured last
@@ -358,6 +360,9 @@ class Feet:
         if self._headings:
             self.yaws[foot] = self._planner.heading(motion, remaining, stance)
         x, y = self._planner.place(foot, motion, remaining, stance, others, width)
+        if self.shifts is not None:
+            (ahead, left), c, s = self.shifts[foot].tolist(), math.cos(motion.yaw), math.sin(motion.yaw)
+            x, y = x + c * ahead - s * left, y + s * ahead + c * left
         target: Vector = (x, y, self.ground.height_at(x, y))
         if self.mapped is not None:
             target = self.mapped.aim(foot, time, self._planner, motion, (x, y), remaining, stance, others, begins)

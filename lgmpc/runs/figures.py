@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields
 from inspect import cleandoc
@@ -37,7 +38,8 @@ def metric(description: str, **options: Any) -> Any:
 def described(kind: type[T]) -> type[T]:
     """Add the descriptions of a dataclass' metrics to its docstring, and return it."""
     lines = (f"    {each.name}: {each.metadata['description']}" for each in fields(kind))  # type: ignore[arg-type]
-    kind.__doc__ = "\n".join([f"{cleandoc(kind.__doc__ or '')}\n\nAttributes:", *lines])
+    text = "\n".join([f"{cleandoc(kind.__doc__ or '')}\n\nAttributes:", *lines])
+    kind.__doc__ = re.sub(r"\|[^|]+\|", r"``\g<0>``", text)  # bars are markup in reStructuredText
     return kind
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lgmpc.errors import InputError
-from lgmpc.runs import Gate, ModeMetrics, Outcome, WalkingMetrics, compute_metrics, judge
+from lgmpc.runs import Gate, Metrics, ModeMetrics, Outcome, WalkingMetrics, compute_metrics, judge
 
 BALANCE = Gate(
     max_tilt_deg=5.0,
@@ -136,3 +136,10 @@ def test_every_limit_of_the_gate_can_fail_a_run(standing, field) -> None:
 def test_impossible_limits_are_refused(field, value) -> None:
     with pytest.raises(InputError, match=field):
         Gate(**{field: value})
+
+
+def test_a_limit_has_the_description_of_its_metric() -> None:
+    assert "max_slip_m: Largest slip of a foot in contact, m; the distance" in (Metrics.__doc__ or "")
+    assert str(Gate.model_fields["max_slip_m"].description).startswith("Largest slip of a foot in contact, m; the")
+    assert Gate.phrase("max_slip_m") == "largest slip of a foot in contact"
+    assert "integral of ``|torque x joint speed|`` over" in (WalkingMetrics.__doc__ or "")

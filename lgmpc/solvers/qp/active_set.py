@@ -34,7 +34,7 @@ import numpy as np
 from lgmpc.compile import compile_source
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.central_path import CentralPath, exact_line_search, nearest_in
+from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
 from lgmpc.solvers.qp.dense_riccati import DenseRiccati
 from lgmpc.solvers.qp.general import PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver, is_large
@@ -232,10 +232,7 @@ class ActiveSetSolver:
             if phi < before or not searching:
                 p.point[...], cost = r.rows, r.cost
                 continue
-            step = r.rows - p.point
-            end = -float(np.vdot(r.multipliers, step))
-            bounds = (self.qp.vector(name) - p.mu / p.rho for name in ("lower", "upper"))
-            p.point[...], cost, phi = exact_line_search(p.point, step, cost, r.cost, end, p.rho, *bounds)
+            cost, phi = p.search(cost, r.cost)
         return False
 
     def _interior_point(self) -> bool:
@@ -343,18 +340,19 @@ class Penalties:
         self.available = path is not None
         self.mu: Array = np.zeros((s.nodes, s.ng))
         self.point: Array = np.zeros((s.nodes, s.ng))
-        self._numbers, self._measures = np.array([least, 0.0]), np.zeros(4)
+        self._numbers, self._measures, self._ends = np.array([least, 0.0]), np.zeros(4), np.zeros(2)
         r = riccati
         parts = (
             np.array([s.nodes, s.ng, s.size], dtype=np.int64), self._numbers, qp.vector("lower"), qp.vector("upper"),
             known, self.mu, self.point, r.weights, r.targets, r.rows, r.multipliers, self._measures,
+            self._ends,
         )  # fmt: skip
         self._memory = parts  # the frame contains addresses only
         self._frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
         if path is not None:
             library = ctypes.CDLL(str(path))
             self._resume, self._penalise = library.lgmpc_resume, library.lgmpc_penalise
-            self._measure = library.lgmpc_measure
+            self._measure, self._search = library.lgmpc_measure, library.lgmpc_search
 
     @property
     def rho(self) -> float:
@@ -372,6 +370,21 @@ class Penalties:
     def penalise(self) -> None:
         """Write the penalties of the rows that are active at :attr:`point`."""
         self._penalise(self._frame)
+
+    def search(self, cost: float, cost_after: float) -> tuple[float, float]:
+        """Move :attr:`point` towards the solver's rows to where phi, the cost with penalties of all rows, is least.
+
+        Args:
+            cost: at the point.
+            cost_after: at the rows.
+
+        Returns:
+            The cost there, and phi.
+        """
+        self._ends[:] = cost, cost_after
+        self._search(self._frame)
+        cost, phi = self._ends.tolist()
+        return cost, phi
 
     def measure(self) -> None:
         """Write the multipliers with which the solver's minimiser is stationary, and the measures of its rows."""

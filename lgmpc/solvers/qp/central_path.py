@@ -17,13 +17,12 @@ import numpy as np
 
 from lgmpc.typing import Array
 
-__all__ = ["CentralPath", "exact_line_search", "nearest_in"]
+__all__ = ["CentralPath", "nearest_in"]
 
 _FLOOR = 0.3  # least multiplier at first, as a share of the largest
 _TO_BOUNDARY = 0.995  # share of the longest step that keeps slacks and multipliers positive
 _SHORTEST = 1e-6  # a shorter step counts as none
 _LONG = 0.8  # a step as long as this separates the active bounds from the others
-_BISECTIONS = 10  # of the length of a step in a line search: the function is flat where it is least
 _SETTLED = 0.02  # share of the active bounds that may still change when they count as identified
 
 
@@ -32,41 +31,6 @@ def nearest_in(values: Array, lower: Array, upper: Array) -> Array:
     out: Array = np.maximum(values, lower)
     np.minimum(out, upper, out=out)
     return out
-
-
-def exact_line_search(
-    rows: Array, step: Array, cost: float, cost_after: float, slope_after: float, rho: float, lower: Array, upper: Array
-) -> tuple[Array, float, float]:
-    """Return the point of a step where ``phi = cost + rho/2 dist(rows, [lower, upper])^2`` is least.
-
-    The cost on the way is quadratic; the slope of phi is monotone, its zero is found by bisection.
-
-    Args:
-        rows: (N, ng) at the beginning.
-        step: (N, ng) to the end.
-        cost: at the beginning.
-        cost_after: at the end.
-        slope_after: of the cost, at the end.
-        rho: penalty.
-        lower: (N, ng) bounds of the rows.
-        upper: (N, ng).
-
-    Returns:
-        The rows (N, ng) there, the cost, and phi.
-    """
-    curvature = 2.0 * (slope_after - (cost_after - cost))
-    slope = slope_after - curvature
-    shortest, longest = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        length = 0.5 * (shortest + longest)
-        there = rows + length * step
-        outside = there - nearest_in(there, lower, upper)
-        if slope + length * curvature + rho * float(np.vdot(outside, step)) > 0.0:
-            longest = length
-        else:
-            shortest = length
-    cost_there = cost + length * (slope + 0.5 * length * curvature)
-    return there, cost_there, cost_there + 0.5 * rho * float(np.vdot(outside, outside))
 
 
 class CentralPath:

@@ -274,7 +274,7 @@ class FallMonitor:
             return "height or tilt could not be held"
         if t - self._failing >= s.failing_s:
             return "the whole-body controller has no solution"
-        return self.tilted(upright)
+        return self.tilted(upright) if upright < self._tilt else ""
 
     def update_support(self, t: float, height: float, touching: bool) -> str:
         """Return the reason why a robot that stands or walks is damped; empty if it is not.

@@ -114,7 +114,8 @@ class FrictionMonitor:
             if len(contact_velocities) != len(self._smoothed):
                 self._allocate(len(contact_velocities))
             self._smoothed[...] = 0.0
-        self._measured[...], self._normals[...] = contact_velocities, normals
+        self._measured[...] = contact_velocities
+        self._normals[...] = normals
         self._run()
         self._before = speeds = self._speeds[:, 0].tolist()
         least = self._sliding_speed_squared

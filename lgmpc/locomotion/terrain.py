@@ -96,9 +96,12 @@ class TerrainBelief:
         self._elapsed += elapsed
         if self._elapsed < PERIOD:
             return
-        for foot, stands in enumerate(stance):
-            if stands:
-                self.footholds[foot] = points[foot]
+        if all(stance):
+            self.footholds[...] = points
+        else:
+            for foot, stands in enumerate(stance):
+                if stands:
+                    self.footholds[foot] = points[foot]
         self._fit(min(self._elapsed / self._time_constant, 1.0))
         self._elapsed = 0.0
 

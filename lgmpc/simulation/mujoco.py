@@ -8,6 +8,7 @@ Pinocchio); everything else that is exchanged here is the same on both sides. Th
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -68,7 +69,7 @@ class MujocoPlant:
         self._nu, self._nc = robot.nu, robot.nc
         self._floating = robot.floating_base
         self._effort = real_effort_limit(robot, params)
-        self._lowest_effort = -self._effort
+        self._lowest_effort, self._least_effort = -self._effort, float(self._effort.min(initial=math.inf))
         self._wrenches = BodyWrenches(robot)
         self._layout = _Layout.of(source)
         # Views into the engine's memory, whose address is constant: a look-up takes longer than their use.
@@ -120,8 +121,8 @@ class MujocoPlant:
             InputError: if ``tau`` does not have nu finite elements.
             SolverError: if the simulation diverged.
         """
-        check_torque(tau, self._nu)
-        self._tau = np.minimum(np.maximum(tau, self._lowest_effort), self._effort)
+        within = check_torque(tau, self._nu) <= self._least_effort
+        self._tau = np.array(tau) if within else np.minimum(np.maximum(tau, self._lowest_effort), self._effort)
         self._joint_force[...] = self._tau
         mujoco.mj_step(self.model, self.data)
         self._steps += 1

@@ -112,11 +112,17 @@ def check_state(model: pin.Model, x: Array) -> tuple[Array, Array]:
     return q, v
 
 
-def check_torque(tau: Array, size: int) -> None:
-    """Raise InputError for torques that are not ``size`` finite numbers; fast, because it is called at every step."""
-    # Of a dozen numbers, Python's length is faster than NumPy's.
-    if not isinstance(tau, np.ndarray) or tau.shape != (size,) or not math.hypot(*tau.tolist()) < math.inf:
-        _vector("tau", tau, size)
+def check_torque(tau: Array, size: int) -> float:
+    """Return the length of the vector of torques; fast, because it is called at every step.
+
+    Raises:
+        InputError: they are not ``size`` finite numbers.
+    """
+    if isinstance(tau, np.ndarray) and tau.shape == (size,):
+        length = math.hypot(*tau.tolist())  # of a dozen numbers, Python's is faster than NumPy's
+        if length < math.inf:
+            return length
+    return math.hypot(*_vector("tau", tau, size).tolist())
 
 
 class BodyWrenches:

@@ -45,9 +45,10 @@ _FOLLOW_S, _JUMP_M = 0.2, 2.0
 _TIME_AXIS = uplot.Scale(time=False, auto=True)
 _STEP_M_S, _STEP_RAD_S = 0.1, 0.2
 _KEYS = {
-    "w": ("vx", _STEP_M_S), "s": ("vx", -_STEP_M_S), "a": ("vy", _STEP_M_S), "d": ("vy", -_STEP_M_S),
-    "q": ("turn", _STEP_RAD_S), "e": ("turn", -_STEP_RAD_S),
+    "i": ("vx", _STEP_M_S), "k": ("vx", -_STEP_M_S), "j": ("vy", _STEP_M_S), "l": ("vy", -_STEP_M_S),
+    "u": ("turn", _STEP_RAD_S), "o": ("turn", -_STEP_RAD_S),
 }  # fmt: skip
+"""W, A, S, D, Q, E and the arrows move the viewer's camera."""
 _LAYERS = {
     "forces": "contact forces", "planned": "planned forces", "cones": "friction cones", "com": "centre of mass",
     "horizon": "predicted path", "footholds": "next footholds", "swings": "swing paths", "command": "command",

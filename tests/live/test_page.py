@@ -101,7 +101,7 @@ def test_the_page_drives_pushes_and_tunes_the_robot_and_shows_a_failure(
         tab.mouse.up()
 
         for _ in range(2):
-            tab.keyboard.press("w")
+            tab.keyboard.press("i")
         wait_for(tab, r"locomote[^]*ahead \+0\.(1[6-9]|2)")
 
         tab.click("role=tab[name='Settings']")
@@ -111,7 +111,7 @@ def test_the_page_drives_pushes_and_tunes_the_robot_and_shows_a_failure(
 
         tab.click("role=tab[name='Drive']")
         for _ in range(8):
-            tab.keyboard.press("w")
+            tab.keyboard.press("i")
         wait_for(tab, r"Failed: ended early, at [\d.]+ s: RuntimeError: too fast")
         log = (run := saved_run(process, tmp_path)).log
 

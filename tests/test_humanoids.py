@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from lgmpc import load_config
@@ -11,8 +12,8 @@ from lgmpc.actions import CentroidalAction
 from lgmpc.config.build import prepare
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import biped_gaits
-from lgmpc.locomotion.legs import LegGeometry
-from lgmpc.robot import load_robot
+from lgmpc.locomotion.legs import LegGeometry, leg_inertias
+from lgmpc.robot import leg_joints, load_robot
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
 
 PUSH = "pushes=[{{body: base_link, time_s: 0.05, duration_s: 0.2, impulse_ns: [{}, {}, 0]}}]"
@@ -79,6 +80,30 @@ def test_soles_keep_apart_and_legs_do_not_cross_however_fast_the_robot_moves_sid
     assert (placed - other) @ left > width
 
 
+def test_soles_reach_as_far_as_their_legs(legs):
+    """A leg ends at the ankle: with its sole as a further link no step was longer than the sway of the hips."""
+    geometry = LegGeometry.of(legs)
+    planner = FootholdPlanner(geometry)
+    assert geometry.length == pytest.approx(0.705, abs=1e-3)  # thigh and shank
+    stride = BaseMotion(0.0, 0.0, 0.6, 0.0, 0.0, commanded_vx=0.6)
+    ahead, _ = planner.place(0, stride, 0.0, 0.43)
+    neutral = 0.6 * np.tanh(0.215 * np.sqrt(9.81 / planner.height)) / np.sqrt(9.81 / planner.height)
+    assert ahead == pytest.approx(neutral, abs=1e-3)
+
+
+def test_angular_momentum_of_legs_that_move_their_soles(legs):
+    model, data, q = legs.model, legs.create_data(), legs.q_reference
+    wanted = np.array([[0.4, 0.1, -0.2], [-0.3, 0.0, 0.1]])
+    v, base = np.zeros(legs.nv), pin.XYZQUATToSE3(q[:7]).rotation
+    for frame, velocity in zip(legs.foot_ids, wanted, strict=True):
+        columns = [model.joints[joint].idx_v for joint in leg_joints(legs, frame)]
+        jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, columns]
+        v[columns] = np.linalg.solve(jacobian, [*(base @ velocity), 0.0, 0.0, 0.0])
+    expected = pin.computeCentroidalMomentum(model, data, q, v).angular
+    found = base @ np.einsum("fij,fj->i", leg_inertias(legs), wanted)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
 def test_two_feet_walk_in_turn_and_stand_on_both_between():
     for height in (0.3, 0.9):
         gait = biped_gaits(height)["walk"]
@@ -98,13 +123,13 @@ def test_standing_the_mpc_makes_nothing_worse():
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
 def test_talos_walks_with_flat_soles_that_do_not_meet(plant):
-    commands = "commands=[{at_s: 0.2, velocity_m_s: [0.2, 0, 0], gait: walk}, {at_s: 2.2, velocity_m_s: [0, 0, 0]}]"
+    commands = "commands=[{at_s: 0.2, velocity_m_s: [0.6, 0, 0], gait: walk}, {at_s: 2.2, velocity_m_s: [0, 0, 0]}]"
     config = load_config("talos_walk", [commands, "duration_s=3.5", f"plant.kind={plant}"])
     log = prepare(config).run(lambda progress: None).log
     points = log.contact_points.reshape(log.ticks, 2, 4, 3)
     centres = points.mean(axis=2)
     walking = (log.time > 1.0) & (log.time < 2.2)
-    assert (log.momentum[walking, 0] / log.mass_kg).mean() == pytest.approx(0.2, abs=0.03)
+    assert (log.momentum[walking, 0] / log.mass_kg).mean() == pytest.approx(0.6, abs=0.03)
     assert (centres[:, 0, 1] - centres[:, 1, 1]).min() > 0.125  # soles are 0.124 m wide
     normals = np.cross(points[:, :, 1] - points[:, :, 3], points[:, :, 0] - points[:, :, 2])
     tilt = np.degrees(np.arccos(np.abs(normals[..., 2]) / np.linalg.norm(normals, axis=-1)))

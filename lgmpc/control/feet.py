@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock
@@ -14,8 +15,8 @@ from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactEvents
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
-from lgmpc.locomotion.horizon import ContactHorizon
-from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.locomotion.legs import LegGeometry, leg_inertias
 from lgmpc.locomotion.maps import ElevationMap
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
@@ -31,9 +32,6 @@ __all__ = ["Feet"]
 Vector = Sequence[float]  # x, y, z
 
 _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second one corrects
-
-_SOLE_SCALE = 1.0 / 3.0
-"""Scale of swings of soles, in heights of the centre of mass: legs of humanoids are heavy, and soles clear little."""
 
 _SETTLED_S = 0.018
 """s after its touchdown from which a foot's sliding is evidence about the floor."""
@@ -98,9 +96,10 @@ class Feet:
         self.mapped: MappedBelief | None = None
         self.settings, self.gaits, self._contact_age = settings, gaits, contact_age
         self._places = self.legs.feet.tolist()
+        self._inertias = None if self.points.single else leg_inertias(robot)
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
-        scale = self.legs.height if self.points.single else _SOLE_SCALE * self.legs.height
-        self._swings = [SwingTrajectory(settings.swing, scale) for _ in range(robot.nf)]
+        sole = not self.points.single
+        self._swings = [SwingTrajectory(settings.swing, self.legs.height, sole) for _ in range(robot.nf)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nf, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nf, 3))
         self.yaws = np.zeros(robot.nf)
@@ -426,6 +425,38 @@ class Feet:
             stance_s = clock.gait.stance_s
             self.mapped.spread(self._planner, motion, dt, stance_s, points, centres, horizon.normals)
         horizon.friction[:] = friction
+
+    def write_leg_momentum(self, time: float, dt: float, motion: MotionReference, contacts: ContactHorizon) -> None:
+        """Write the angular momentum of the legs' motion along the contacts of a horizon, if feet are soles.
+
+        The legs of humanoids are heavy: without it the trunk would have to turn against them.
+        """
+        if self._inertias is None:
+            return
+        motion.legs = None if self.standing else self._leg_momentum(time, dt, motion.com_velocity, contacts)
+
+    def _leg_momentum(self, time: float, dt: float, com_velocity: Array, contacts: ContactHorizon) -> Array:
+        """Return (N+1, 3) angular momentum, world axes: of steps that follow the present one as the quintic has it."""
+        times, places = time + dt * np.arange(len(com_velocity)), contacts.points[:, self.points.starts]
+        moving = np.zeros((len(times), len(self.stance), 3))
+        position, acceleration = np.zeros((2, 3))
+        for foot, path in enumerate(self._swings):
+            for swing in self.clock.swings(foot, time, times[-1]):
+                if swing.liftoff <= time:
+                    for k in np.flatnonzero(times < path.touchdown).tolist():
+                        path.sample(times[k], position, moving[k, foot], acceleration)
+                    continue
+                begin, duration = max(math.ceil((swing.liftoff - time) / dt - 1e-9), 1), swing.touchdown - swing.liftoff
+                if begin < len(places):
+                    s = np.clip((times - swing.liftoff) / duration, 0.0, 1.0)[:, None]
+                    step = (places[begin, foot] - places[begin - 1, foot]) / duration
+                    moving[:, foot] += 30.0 * (s * (1.0 - s)) ** 2 * step
+        moving[..., 2] = 0.0
+        assert self._inertias is not None
+        turn = pin.rpy.rpyToMatrix(0.0, 0.0, float(self.yaws.mean()))
+        relative = (moving - com_velocity[:, None]) @ turn
+        momentum: Array = np.einsum("fij,kfj->ki", self._inertias, relative) @ turn.T
+        return momentum
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

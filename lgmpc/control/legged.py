@@ -391,6 +391,7 @@ class LeggedController:
         self.feet.write_horizon(time, settings.node_s, self._motion, self._friction(planner), planner.contacts)
         self._desired.write_horizon(planner.motion, time, settings.node_s, self.feet.ground)
         planner.motion.catching = self.push_steps.active
+        self.feet.write_leg_momentum(time, settings.node_s, planner.motion, planner.contacts)
 
     def _friction(self, planner: Planner) -> float:
         """Friction coefficient to rely on over the horizon."""

@@ -40,6 +40,7 @@ from lgmpc.world import Plane
 
 __all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
 
+_REACH_SHARES = 0.92, 0.98
 _ROUNDING = 1e-9  # m
 _PROJECTIONS = 12
 """Alternating projections onto reach and distance from the other feet; one suffices unless both bind."""
@@ -65,8 +66,10 @@ class FootholdSettings(Settings):
     centrifugal: NonNegative = Field(
         default=1.0, description="Outward shift in a turn, in units of that of the centripetal acceleration."
     )
-    reach_share: Fraction = Field(
-        default=0.92, description="Longest distance from hip to foothold, as a share of the stretched leg's length."
+    reach_share: Fraction | None = Field(
+        default=None,
+        description="Longest distance from hip to foothold, as a share of the stretched leg's length. null: 0.92, to"
+        " the ankle of a sole 0.98.",
     )
     side_share: float = Field(
         default=0.25,
@@ -170,9 +173,8 @@ class FootholdPlanner:
         self.hips = [(float(x), float(y)) for x, y, _ in legs.hips]
         self.sides = [s.side_share * y for _, y in self.feet]
         drops = legs.hips[:, 2] + legs.height
-        self._legs = [
-            (s.reach_share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)
-        ]
+        share = _REACH_SHARES[legs.sole[1] > 0.0] if s.reach_share is None else s.reach_share
+        self._legs = [(share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)]
         self.spacing = s.spacing_share * float(legs.length.min())
         self._beside = legs.sole[1] + _GAP if legs.sole[1] > 0.0 else 0.0
         self.normals = [(float(x), float(y)) for x, y, _ in legs.normals]

@@ -56,6 +56,7 @@ class MotionReference:
         q: (N+1, nq) configurations: the attitude of the base and the joint positions to stay near.
         angular_velocity: (N+1, 3) of the base, world axes, rad/s.
         catching: whether steps are to catch a push, and height counts more than otherwise.
+        legs: (N+1, 3) angular momentum that the legs' own motion has beside that of the base, world axes, N.m.s.
     """
 
     com: Array
@@ -63,12 +64,13 @@ class MotionReference:
     q: Array
     angular_velocity: Array
     catching: bool = False
+    legs: Array | None = None
 
     def copy(self) -> MotionReference:
         """Return the motion in buffers of its own."""
         arrays = (self.com, self.com_velocity, self.q, self.angular_velocity)
         com, com_velocity, q, angular_velocity = (each.copy() for each in arrays)
-        return MotionReference(com, com_velocity, q, angular_velocity, self.catching)
+        return MotionReference(com, com_velocity, q, angular_velocity, self.catching, self.legs)
 
     @classmethod
     def standing(cls, robot: Robot, intervals: int, com: Array) -> MotionReference:

@@ -10,11 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.robot import Robot, leg_chain, leg_normals
+from lgmpc.robot import Robot, leg_chain, leg_joints, leg_normals
 from lgmpc.robot.feet import UP, touching
 from lgmpc.typing import Array
 
-__all__ = ["LegGeometry"]
+__all__ = ["LegGeometry", "leg_inertias"]
 
 _SWEEPS = 20
 
@@ -26,9 +26,10 @@ class LegGeometry:
     Attributes:
         feet: (nf, 3) contact points, of soles their centres, m.
         hips: (nf, 3) hips: positions of each leg's second joint (the first one is the abduction), or of the first one
-            of a leg with two joints, m.
+            of a leg with two joints, m. Of a leg with a sole, moved by the vector from the ankle, its last joint, to
+            the sole's centre: soles stay flat, so the distance from there to the centre is that from hip to ankle.
         knees: (nf, 3) positions of each leg's last joint, m.
-        length: (nf,) largest distance from hip to foot within the range of the joints between, m.
+        length: (nf,) largest distance from hip to foot or ankle within the range of the joints between, m.
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
         sole: length and width of the largest sole along the axes of the base, m; 0 of point feet.
@@ -79,11 +80,12 @@ class LegGeometry:
             joints = leg_chain(robot, frame)
             if not joints:
                 raise InputError("contact_frames", name, "a frame that a joint of the leg moves")
-            tip = data.oMf[frame].translation
-            hip = joints[0]
-            hips.append(data.oMi[hip].translation.copy())
+            tip, sole = data.oMf[frame].translation, not robot.foot_points.single and len(joints) > 2
+            hip, ankle = joints[0], data.oMi[joints[-1]].translation
+            hips.append(data.oMi[hip].translation + (tip - ankle if sole else 0.0))
             knees.append(data.oMi[joints[-1]].translation.copy())
-            lengths.append(_longest(robot, hip, joints[1:], frame))
+            between, end = (joints[1:-1], joints[-1]) if sole else (joints[1:], None)
+            lengths.append(_longest(robot, hip, between, end, frame))
             feet.append(touching(tip, robot.contact_radius, np.array(UP)))
         turn = base.rotation
         return cls(
@@ -98,18 +100,41 @@ class LegGeometry:
         )
 
 
-def _longest(robot: Robot, hip: int, joints: list[int], frame: int) -> float:
-    """Return the largest distance from a joint to a contact frame within the range of the joints between, m.
+def leg_inertias(robot: Robot) -> Array:
+    """Return (nf, 3, 3) angular momentum about the centre of mass per velocity of each foot relative to the base.
+
+    In the reference posture, axes of the base, N.m.s per m/s: soles do not turn, the base and all other joints are at
+    rest.
+    """
+    model, data, q = robot.model, robot.create_data(), robot.q_reference
+    momenta = pin.computeCentroidalMap(model, data, q)[3:]
+    turn = data.oMi[1].rotation
+    inertias = np.zeros((robot.nf, 3, 3))
+    for foot, frame in enumerate(robot.foot_ids):
+        columns = [model.joints[joint].idx_v for joint in leg_joints(robot, frame)]
+        jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, columns]
+        rates = np.linalg.pinv(jacobian)[:, :3]
+        inertias[foot] = turn.T @ momenta[:, columns] @ rates @ turn
+    return inertias
+
+
+def _longest(robot: Robot, hip: int, joints: list[int], ankle: int | None, frame: int) -> float:
+    """Return the largest distance from a hip to an ankle, or a contact frame, within the range of the joints between.
 
     In the angle of one joint the squared distance is ``a + b cos + c sin``: largest at ``atan2(c, b)`` or, if that is
     out of range, at one of its ends. Several joints are maximised in turn.
     """
     model, data, q = robot.model, robot.create_data(), robot.q_reference.copy()
 
+    def way() -> Array:
+        pin.framesForwardKinematics(model, data, q)
+        end = data.oMf[frame] if ankle is None else data.oMi[ankle]
+        between: Array = end.translation - data.oMi[hip].translation
+        return between
+
     def squared(at: int, angle: float) -> float:
         q[at] = angle
-        pin.framesForwardKinematics(model, data, q)
-        return float(np.sum((data.oMf[frame].translation - data.oMi[hip].translation) ** 2))
+        return float(np.sum(way() ** 2))
 
     for _ in range(_SWEEPS if len(joints) > 1 else 1):
         for at in (model.joints[joint].idx_q for joint in joints):
@@ -120,5 +145,4 @@ def _longest(robot: Robot, hip: int, joints: list[int], frame: int) -> float:
             if best > highest:
                 best = lowest if squared(at, lowest) > squared(at, highest) else highest
             q[at] = best
-    pin.framesForwardKinematics(model, data, q)
-    return float(np.linalg.norm(data.oMf[frame].translation - data.oMi[hip].translation))
+    return float(np.linalg.norm(way()))

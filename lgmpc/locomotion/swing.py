@@ -26,6 +26,10 @@ __all__ = ["HeadingTrajectory", "SwingSettings", "SwingTrajectory"]
 _STEEPEST = 2.0
 """Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
 
+_SOLE_SCALE = 1.0 / 3.0
+"""Scale of swings of soles, in heights of the centre of mass: legs of humanoids are heavy, and soles clear little."""
+
+_LANDING = 0.4, 0.1  # m/s, of points and soles
 _CLEARANCE_SHARE, _DEPTH_SHARE = 1.0 / 7.0, 0.5  # of the height of the centre of mass
 _PEAK = 10.0 / math.sqrt(3.0)
 """Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
@@ -70,10 +74,11 @@ class SwingSettings(Settings):
     apex_share: float = Field(
         default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
     )
-    touchdown_speed_m_s: NonNegative = Field(
-        default=0.4,
+    touchdown_speed_m_s: NonNegative | None = Field(
+        default=None,
         description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s; less in slow"
-        " swings, whose feet would rise again before.",
+        " swings, whose feet would rise again before. null: 0.4, of soles, whose impact a stretched leg transmits to"
+        " the trunk, 0.1.",
     )
     search_depth_m: NonNegative | None = Field(
         default=None,
@@ -103,6 +108,7 @@ class SwingTrajectory:
     Args:
         settings: see :class:`SwingSettings`.
         height: of the centre of mass above the feet, m: the scale of clearance and search depth.
+        sole: whether the foot is a sole.
 
     Attributes:
         clearance: of the apex, m, the least of every swing.
@@ -113,8 +119,9 @@ class SwingTrajectory:
         touchdown_speed: downward, of the present swing, m/s.
     """
 
-    def __init__(self, settings: SwingSettings | None = None, height: float = 0.21) -> None:
-        self._scale = height
+    def __init__(self, settings: SwingSettings | None = None, height: float = 0.21, sole: bool = False) -> None:
+        self._scale, self._sole = _SOLE_SCALE * height if sole else height, sole
+        height = self._scale
         self.retune(SwingSettings() if settings is None else settings)
         self.roughness = 0.0
         self._obstructed = _OBSTRUCTED_SHARE * height
@@ -129,11 +136,12 @@ class SwingTrajectory:
         self._ahead_s = 0.0  # by so much they end before the touchdown
         self._x = self._y = self._rise = self._fall = _at_rest(0.0)
         self._fall_begin = 0.0
-        self.touchdown_speed = self.settings.touchdown_speed_m_s
+        self.touchdown_speed = self._landing
 
     def retune(self, settings: SwingSettings) -> None:
         """Change the settings, for the next swing."""
         self.settings = s = settings
+        self._landing = _LANDING[self._sole] if s.touchdown_speed_m_s is None else s.touchdown_speed_m_s
         self.clearance = round(_CLEARANCE_SHARE * self._scale, 3) if s.clearance_m is None else s.clearance_m
         self._depth = _DEPTH_SHARE * self._scale if s.search_depth_m is None else s.search_depth_m
 
@@ -250,7 +258,7 @@ class SwingTrajectory:
         """Descend at the touchdown speed from ``position`` (3,) on: a stance foot lost its contact."""
         self.liftoff = self.touchdown = self._apex_time = t
         self._hastened = math.inf
-        self.touchdown_speed = self.settings.touchdown_speed_m_s
+        self.touchdown_speed = self._landing
         self.target = (float(position[0]), float(position[1]), float(position[2]))
 
     def hasten(self, t: float) -> None:
@@ -303,9 +311,7 @@ class SwingTrajectory:
         self._fall_begin = begin
         duration, height = self.touchdown - begin, max(state[0] - self.target[2], 0.0)
         # A foot that should arrive faster than this would first rise again.
-        self.touchdown_speed = (
-            min(self.settings.touchdown_speed_m_s, _STEEPEST * height / duration) if duration > 0.0 else 0.0
-        )
+        self.touchdown_speed = min(self._landing, _STEEPEST * height / duration) if duration > 0.0 else 0.0
         self._fall = _quintic(state, (self.target[2], -self.touchdown_speed, 0.0), duration)
 
 

@@ -148,6 +148,8 @@ class CentroidalMpc(SqpMpc):
             write_intervals(self._friction, contacts.friction)
             write_intervals(self._wrench, wrench)
             self._reference.write(state, reference)
+            if reference.legs is not None:
+                self._x_reference[:, 6:] += reference.legs
             problem.x0[0:3], problem.x0[3:9] = state.com, state.momentum
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self._contacts) from error

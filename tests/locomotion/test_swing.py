@@ -173,6 +173,16 @@ def test_a_late_foot_descends_at_constant_speed_to_the_search_depth() -> None:
     np.testing.assert_allclose(velocity, 0.0)
 
 
+def test_soles_land_slower_than_points_unless_set() -> None:
+    speeds = []
+    for settings in (SwingSettings(), SwingSettings(touchdown_speed_m_s=0.3)):
+        for sole in (False, True):
+            swing = SwingTrajectory(settings, 0.9, sole)
+            swing.lift_off(0.0, 0.2, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))
+            speeds.append(-sample(swing, 0.2)[1][2])
+    assert speeds == pytest.approx([0.4, 0.1, 0.3, 0.3])
+
+
 def test_a_lost_foot_searches_from_where_it_is() -> None:
     swing = SwingTrajectory()
     swing.search(2.0, np.array([0.1, 0.2, 0.005]))

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock
@@ -16,7 +15,7 @@ from lgmpc.locomotion.contacts import ContactEvents
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import Gait, find_gait
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.locomotion.legs import LegGeometry, leg_inertias
+from lgmpc.locomotion.legs import LegGeometry, leg_inertias, leg_momentum
 from lgmpc.locomotion.maps import ElevationMap
 from lgmpc.locomotion.reaction import StepSchedule, step_schedules
 from lgmpc.locomotion.settings import LocomotionSettings
@@ -427,36 +426,12 @@ class Feet:
         horizon.friction[:] = friction
 
     def write_leg_momentum(self, time: float, dt: float, motion: MotionReference, contacts: ContactHorizon) -> None:
-        """Write the angular momentum of the legs' motion along the contacts of a horizon, if feet are soles.
-
-        The legs of humanoids are heavy: without it the trunk would have to turn against them.
-        """
+        """Write the angular momentum of the legs' motion along the contacts of a horizon, if feet are soles."""
         if self._inertias is None:
             return
-        motion.legs = None if self.standing else self._leg_momentum(time, dt, motion.com_velocity, contacts)
-
-    def _leg_momentum(self, time: float, dt: float, com_velocity: Array, contacts: ContactHorizon) -> Array:
-        """Return (N+1, 3) angular momentum, world axes: of steps that follow the present one as the quintic has it."""
-        times, places = time + dt * np.arange(len(com_velocity)), contacts.points[:, self.points.starts]
-        moving = np.zeros((len(times), len(self.stance), 3))
-        position, acceleration = np.zeros((2, 3))
-        for foot, path in enumerate(self._swings):
-            for swing in self.clock.swings(foot, time, times[-1]):
-                if swing.liftoff <= time:
-                    for k in np.flatnonzero(times < path.touchdown).tolist():
-                        path.sample(times[k], position, moving[k, foot], acceleration)
-                    continue
-                begin, duration = max(math.ceil((swing.liftoff - time) / dt - 1e-9), 1), swing.touchdown - swing.liftoff
-                if begin < len(places):
-                    s = np.clip((times - swing.liftoff) / duration, 0.0, 1.0)[:, None]
-                    step = (places[begin, foot] - places[begin - 1, foot]) / duration
-                    moving[:, foot] += 30.0 * (s * (1.0 - s)) ** 2 * step
-        moving[..., 2] = 0.0
-        assert self._inertias is not None
-        turn = pin.rpy.rpyToMatrix(0.0, 0.0, float(self.yaws.mean()))
-        relative = (moving - com_velocity[:, None]) @ turn
-        momentum: Array = np.einsum("fij,kfj->ki", self._inertias, relative) @ turn.T
-        return momentum
+        centres, yaw = contacts.points[:, self.points.starts], float(self.yaws.mean())
+        given = self._inertias, yaw, self.clock, self._swings, centres, motion.com_velocity, time, dt
+        motion.legs = None if self.standing else leg_momentum(*given)
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

@@ -153,6 +153,7 @@ class FootholdPlanner:
         feet: (nc,) of (x, y) in the reference posture, from the centre of mass, axes of the base, m.
         hips: (nc,) of (x, y), the same.
         sides: (nc,) smallest lateral distance of a foot on its own side, base axes, with the sign of the side, m.
+        reach_share: longest distance from hip to foothold, as a share of the stretched leg's length.
         spacing: smallest distance between two point feet, m.
         normals: (nc,) of (x, y), directions in which legs cannot move their feet, axes of the base; zeros for others.
     """
@@ -173,8 +174,10 @@ class FootholdPlanner:
         self.hips = [(float(x), float(y)) for x, y, _ in legs.hips]
         self.sides = [s.side_share * y for _, y in self.feet]
         drops = legs.hips[:, 2] + legs.height
-        share = _REACH_SHARES[legs.sole[1] > 0.0] if s.reach_share is None else s.reach_share
-        self._legs = [(share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)]
+        self.reach_share = _REACH_SHARES[legs.sole[1] > 0.0] if s.reach_share is None else s.reach_share
+        self._legs = [
+            (self.reach_share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)
+        ]
         self.spacing = s.spacing_share * float(legs.length.min())
         self._beside = legs.sole[1] + _GAP if legs.sole[1] > 0.0 else 0.0
         self.normals = [(float(x), float(y)) for x, y, _ in legs.normals]

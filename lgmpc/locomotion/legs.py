@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,11 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.locomotion.clock import GaitClock
+from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot, leg_chain, leg_joints, leg_normals
 from lgmpc.robot.feet import UP, touching
 from lgmpc.typing import Array
 
-__all__ = ["LegGeometry", "leg_inertias"]
+__all__ = ["LegGeometry", "leg_inertias", "leg_momentum"]
 
 _SWEEPS = 20
 
@@ -116,6 +119,50 @@ def leg_inertias(robot: Robot) -> Array:
         rates = np.linalg.pinv(jacobian)[:, :3]
         inertias[foot] = turn.T @ momenta[:, columns] @ rates @ turn
     return inertias
+
+
+def leg_momentum(
+    inertias: Array,
+    yaw: float,
+    clock: GaitClock,
+    swings: Sequence[SwingTrajectory],
+    places: Array,
+    com_velocity: Array,
+    time: float,
+    dt: float,
+) -> Array:
+    """Return (N+1, 3) angular momentum that legs have by the motion of their soles over a horizon, world axes, N.m.s.
+
+    The legs of humanoids are heavy: if all angular momentum were to vanish, the trunk would have to turn against them.
+
+    Args:
+        inertias: see :func:`leg_inertias`.
+        yaw: heading of the robot, rad.
+        clock: the schedule.
+        swings: (nf,) paths of the present swings; later ones are quintics from rest to rest.
+        places: (N, nf, 3) where each foot stands or will touch down next in each interval, m.
+        com_velocity: (N+1, 3) of the centre of mass at the nodes, m/s.
+        time: of the first node, s.
+        dt: duration of the intervals, s.
+    """
+    times, (count, feet, _) = time + dt * np.arange(len(com_velocity)), places.shape
+    moving, (position, acceleration) = np.zeros((len(times), feet, 3)), np.zeros((2, 3))
+    for foot, path in enumerate(swings):
+        for swing in clock.swings(foot, time, float(times[-1])):
+            if swing.liftoff <= time:
+                for k in np.flatnonzero(times < path.touchdown).tolist():
+                    path.sample(times[k], position, moving[k, foot], acceleration)
+                continue
+            begin, duration = max(math.ceil((swing.liftoff - time) / dt - 1e-9), 1), swing.touchdown - swing.liftoff
+            if begin < count:
+                s = np.clip((times - swing.liftoff) / duration, 0.0, 1.0)[:, None]
+                step = (places[begin, foot] - places[begin - 1, foot]) / duration
+                moving[:, foot] += 30.0 * (s * (1.0 - s)) ** 2 * step
+    moving[..., 2] = 0.0
+    turn = pin.rpy.rpyToMatrix(0.0, 0.0, yaw)
+    relative = (moving - com_velocity[:, None]) @ turn
+    momentum: Array = np.einsum("fij,kfj->ki", inertias, relative) @ turn.T
+    return momentum
 
 
 def _longest(robot: Robot, hip: int, joints: list[int], ankle: int | None, frame: int) -> float:

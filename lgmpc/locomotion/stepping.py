@@ -269,7 +269,7 @@ class MappedBelief(TerrainBelief):
         hips = np.array([motion.x, motion.y]) + remaining[:, None] * velocity
         hips = hips + (legs.hips[feet][:, None, :2] @ turn)[:, 0]
         last = hips + (stance if stance < math.inf else 0.0) * velocity
-        longest = planner.settings.reach_share * legs.length[feet, None]
+        longest = planner.reach_share * legs.length[feet, None]
         result: BoolArray | None = None
         for hip in (hips, last):
             (mx, my, mz), slope = self._middle, self.slope

@@ -224,7 +224,7 @@ def test_footholds_are_within_reach_and_on_their_side(
     hip = legs.hips[foot]
     drop = hip[2] + legs.height + height
     distance = math.hypot(*(local - hip[:2]), drop)
-    assert distance <= 0.92 * legs.length[foot] + 1e-9
+    assert distance <= planner.reach_share * legs.length[foot] + 1e-9
     width = legs.feet[foot, 1]
     assert local[1] * math.copysign(1.0, width) >= share * abs(width) - 1e-9
 

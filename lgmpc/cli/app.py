@@ -42,6 +42,8 @@ app = typer.Typer(
 )
 _PORT = 47800
 """Port of a simulated robot."""
+DriverName = Annotated[Literal["udp", "unitree"], option("Link: UDP, or the topics of Unitree's robots.")]
+Interface = Annotated[str, option("Network interface of a Unitree robot; lo: one that is simulated here.")]
 Secret = Annotated[
     Path | None,
     option("File of mode 600 with the secret of the link; unless given, the user's own, which programs here share."),
@@ -154,14 +156,16 @@ def deploy(
     address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Address of the robot.")] = (
         f"127.0.0.1:{_PORT}"
     ),
+    driver: DriverName = "udp",
     secret: Secret = None,
+    interface: Interface = "eth0",
     disarmed: Annotated[bool, typer.Option("--disarmed", help="Send nothing until the key a is pressed.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Compute commands, but send none.")] = False,
     out: OutFolder = Path("runs"),
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Run a config's controllers on a robot in real time, over UDP, save the run and judge it.
+    """Run a config's controllers on a robot in real time, save the run and judge it.
 
     Requires an estimator in the config. The run is judged by the estimate. At the end, after Ctrl-C, and while no
     measurements arrive, the joints are damped. Keys: space stops at once, l lies down and ends, d disarms, a arms.
@@ -169,11 +173,11 @@ def deploy(
     from lgmpc.config import load_config
 
     loaded = load_config(config, [*overrides, *more])
-    from lgmpc.cli.running import deploy_shown
+    from lgmpc.cli.running import RobotEnd, deploy_shown
     from lgmpc.hardware.udp import parse_address
 
-    robot = parse_address(address), secret
-    return deploy_shown(loaded, robot, out, disarmed=disarmed, dry_run=dry_run, as_json=as_json, quiet=quiet)
+    link = RobotEnd(driver, parse_address(address), secret, interface)
+    return deploy_shown(loaded, link, out, disarmed=disarmed, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
 @_command
@@ -183,13 +187,15 @@ def robot(
     overrides: Overrides = [],  # noqa: B006
     host: Annotated[str, typer.Option(help="Address of this machine to listen at.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes any free one.")] = _PORT,
+    driver: DriverName = "udp",
     secret: Secret = None,
+    interface: Interface = "lo",
     lock_step: Annotated[
         bool,
         typer.Option("--lock-step", help="Wait for the answer to each measurement instead of moving in real time."),
     ] = False,
 ) -> int:
-    """Simulate a config's robot in real time, moved by a controller at the other end of a UDP link.
+    """Simulate a config's robot in real time, moved by a controller at the other end of a link.
 
     Waits for `lgmpc deploy`, or for another program that uses its protocol; ends with it, or by Ctrl-C or SIGTERM.
     Pushes, sensor noise, drives and floor are those of the config.
@@ -197,9 +203,9 @@ def robot(
     from lgmpc.config import load_config
 
     loaded = load_config(config, [*overrides, *more])
-    from lgmpc.cli.running import serve_shown
+    from lgmpc.cli.running import RobotEnd, serve_shown
 
-    return serve_shown(loaded, (host, port), secret, lock_step=lock_step)
+    return serve_shown(loaded, RobotEnd(driver, (host, port), secret, interface), lock_step=lock_step)
 
 
 _command(studies.sweep)

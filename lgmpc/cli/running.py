@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
@@ -28,8 +28,9 @@ from lgmpc.runs.tables import limits_table
 if TYPE_CHECKING:
     from lgmpc.hardware import Deployment
     from lgmpc.live.viewing import Link
+    from lgmpc.robot import Robot
 
-__all__ = ["deploy_shown", "live_shown", "run_shown", "serve_shown", "solve_shown"]
+__all__ = ["RobotEnd", "deploy_shown", "live_shown", "run_shown", "serve_shown", "solve_shown"]
 
 
 def run_shown(
@@ -170,27 +171,48 @@ def _run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]
         yield display
 
 
-def deploy_shown(
-    config: Config,
-    robot: tuple[tuple[str, int], Path | None],
-    folder: Path,
-    *,
-    disarmed: bool,
-    dry_run: bool,
-    as_json: bool,
-    quiet: bool,
-) -> int:
-    """Run ``config`` on the robot at an address, with a secret, print the verdict, and return the exit code."""
-    from lgmpc.config.deploying import deploy_config
-    from lgmpc.hardware import UdpDriver
-    from lgmpc.hardware.safety import Keys
-    from lgmpc.hardware.secret import read_secret
+class RobotEnd(NamedTuple):
+    """Where a robot is, by options of the command line.
 
-    console, address, secret = err(), robot[0], read_secret(robot[1])
+    Attributes:
+        driver: udp or unitree.
+        address: host and port, of UDP.
+        secret: file, of UDP; None for the user's own.
+        interface: network interface, of Unitree's robots.
+    """
+
+    driver: str
+    address: tuple[str, int]
+    secret: Path | None
+    interface: str
+
+    def end(self, *, robots: bool) -> Callable[[Robot], Any]:
+        """Return the constructor of the controller's or the robot's end."""
+        if self.driver == "unitree":
+            from lgmpc.hardware.unitree import UnitreeDriver, UnitreeRobot
+
+            return lambda robot: (UnitreeRobot if robots else UnitreeDriver)(robot.joint_names, self.interface)
+        from lgmpc.hardware import UdpDriver, UdpRobot
+        from lgmpc.hardware.secret import read_secret
+
+        secret = read_secret(self.secret)
+        if robots:
+            return lambda robot: UdpRobot(robot.nu, *self.address, secret)
+        return lambda robot: UdpDriver(self.address, robot.nu, secret)
+
+
+def deploy_shown(
+    config: Config, link: RobotEnd, folder: Path, *, disarmed: bool, dry_run: bool, as_json: bool, quiet: bool
+) -> int:
+    """Run ``config`` on a robot, print the verdict, and return the exit code."""
+    from lgmpc.config.deploying import deploy_config
+    from lgmpc.hardware.safety import Keys
+
+    console, driver = err(), link.end(robots=False)
     with Keys.of_terminal(not disarmed) as keys, _run_display(console, quiet=quiet) as display, warnings_on(console):
         finished, deployment = deploy_config(
             config,
-            lambda nu: UdpDriver(address, nu, secret),
+            driver,
             folder,
             notify=display.announce,
             progress=display.advance,
@@ -206,17 +228,15 @@ def deploy_shown(
     return finished.exit_code
 
 
-def serve_shown(config: Config, address: tuple[str, int], secret: Path | None, *, lock_step: bool) -> int:
+def serve_shown(config: Config, link: RobotEnd, *, lock_step: bool) -> int:
     """Simulate the robot of ``config``, print figures of its motion and of the link, and return the exit code."""
     from lgmpc.config.deploying import serve_config
-    from lgmpc.hardware import UdpRobot
-    from lgmpc.hardware.secret import read_secret
 
-    console, key = err(), read_secret(secret)
+    console, end = err(), link.end(robots=True)
     with warnings_on(console), stop_signals():
         served = serve_config(
             config,
-            lambda nu: UdpRobot(nu, *address, key),
+            end,
             lock_step=lock_step,
             notify=lambda message: console.print(message, markup=False),
         )

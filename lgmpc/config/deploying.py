@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 from collections.abc import Callable
 from contextlib import closing
@@ -25,12 +26,12 @@ from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult
 from lgmpc.control.interface import Command, CommandGuard, command_limits
 from lgmpc.control.legged import LeggedController
-from lgmpc.estimation import LeggedEstimator
+from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
 from lgmpc.hardware.safety import JointLimits, Operator
-from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served, serve
-from lgmpc.hardware.udp import UdpRobot
+from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, RobotLink, Served, serve
 from lgmpc.locomotion.command import CommandSource, MotionCommand
+from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
@@ -40,12 +41,13 @@ from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Tick
 from lgmpc.simulation.plant import PlantSample, make_plant
 from lgmpc.world import make_world
 
+_LOG = logging.getLogger(__name__)
 __all__ = ["UNMEASURED", "deploy_config", "not_measured", "serve_config"]
 
 
 def deploy_config(
     config: Config,
-    driver: Callable[[int], Driver],
+    driver: Callable[[Robot], Driver],
     out: str | Path = "runs",
     *,
     notify: Notify | None = None,
@@ -62,7 +64,7 @@ def deploy_config(
 
     Args:
         config: the closed loop; of its plant, only the rates are used.
-        driver: constructs the driver of the robot from the number of joints, after everything else is ready: a
+        driver: constructs the driver of the robot from its model, after everything else is ready: a
             :class:`lgmpc.hardware.UdpDriver`, or one's own.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
@@ -74,9 +76,12 @@ def deploy_config(
         The run, and the figures of link and loop.
 
     Raises:
-        ConfigError: if the config has no estimator: a robot does not measure its full state.
+        ConfigError: if the config changes settings during the run.
         LgmpcError: as :func:`lgmpc.config.execution.run_config`.
     """
+    if isinstance(config.estimator, GroundTruth):
+        _LOG.warning("the config has no estimator: inekf with its defaults estimates the state")
+        config = config.model_copy(update={"estimator": LeggedEstimatorSettings()})
     sessions: list[_DeploymentSession] = []
 
     def prepare(announce: Notify) -> _DeploymentSession:
@@ -96,7 +101,7 @@ def deploy_config(
 
 def serve_config(
     config: Config,
-    link: Callable[[int], UdpRobot],
+    link: Callable[[Robot], RobotLink],
     *,
     lock_step: bool = False,
     wait_s: float = math.inf,
@@ -106,7 +111,7 @@ def serve_config(
 
     Args:
         config: the closed loop; of its controllers, only the rates are used.
-        link: constructs the robot's end of the link from the number of joints; it is closed at the end.
+        link: constructs the robot's end of the link from its model; it is closed at the end.
         lock_step: whether the robot waits for the answer to each measurement, instead of moving in real time.
         wait_s: longest time to wait for a controller, s.
         notify: called with a description of what is being done.
@@ -125,8 +130,8 @@ def serve_config(
     computing = Computing(TimingSettings(), np.random.default_rng(0))
     guard = CommandGuard(config.deployment.damping_nms, command_limits(robot.effort_limit))
     hardware = Hardware(build_drives(config, plant), computing, lambda: Spent(0.0, False, False), guard)
-    with closing(link(robot.nu)) as end:
-        notify("{} waits for a controller at {}:{}".format(robot.name, *end.address))
+    with closing(link(robot)) as end:
+        notify(f"{robot.name} waits for a controller at {end.place}")
         if not end.wait_for_controller(wait_s):
             raise NoControllerError(f"no controller within {wait_s:g} s")
         plant.reset(initial_state(robot, config.plant, world))
@@ -135,9 +140,7 @@ def serve_config(
         return serve(plant, build_sensors(config, robot), pushes, rates, pace, world, hardware)
 
 
-def _prepare(config: Config, driver: Callable[[int], Driver], notify: Notify) -> _DeploymentSession:
-    if isinstance(config.estimator, GroundTruth):
-        raise config.error("estimator.kind", "ground_truth", "inekf: a robot measures no state")
+def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) -> _DeploymentSession:
     if config.changes:
         raise config.error("changes", f"{len(config.changes)} entries", "none: only simulated runs change settings")
     notify("loading the robot")
@@ -167,7 +170,7 @@ class _DeploymentSession:
     rates: Rates
     recorder: Recorder
     legs: LeggedEstimator
-    driver: Callable[[int], Driver]
+    driver: Callable[[Robot], Driver]
     operator: Operator = field(default_factory=Operator)
     dry_run: bool = False
     deployment: Deployment | None = None
@@ -191,7 +194,7 @@ class _DeploymentSession:
 
         robot, controller = self.controller.robot, self.controller
         controller.commands = _LyingAtTheEnd(controller.commands, self.operator)
-        driver = self.driver(robot.nu)
+        driver = self.driver(robot)
         self.deployment = deploy(
             _Listening(driver) if self.dry_run else driver,
             self.controller,

@@ -16,7 +16,6 @@ import numpy as np
 
 from lgmpc.control.interface import Command, Measurement, RobotState
 from lgmpc.errors import Interrupted, LgmpcError
-from lgmpc.hardware.udp import UdpRobot
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, simulate
 from lgmpc.simulation.plant import Plant
@@ -52,11 +51,24 @@ class NoControllerError(LgmpcError):
 class RobotLink(Protocol):
     """The robot's end of a link."""
 
+    @property
+    def place(self) -> str:
+        """Where controllers find it, in words."""
+
+    def wait_for_controller(self, timeout_s: float) -> bool:
+        """Wait for a controller, and return whether one came."""
+
     def send(self, measurement: Measurement) -> None:
         """Send the next measurement."""
 
     def receive(self) -> tuple[int, Command] | None:
         """Return the newest command that has arrived, if any, and how many measurements ago its own was sent."""
+
+    def receive_answer(self, timeout_s: float) -> Command | None:
+        """Wait for the command to the last measurement; None if it does not arrive."""
+
+    def close(self) -> None:
+        """Close the link."""
 
 
 class LockStep:
@@ -67,7 +79,7 @@ class LockStep:
         timeout_s: longest time to wait, s.
     """
 
-    def __init__(self, link: UdpRobot, timeout_s: float = _FIRST_S) -> None:
+    def __init__(self, link: RobotLink, timeout_s: float = _FIRST_S) -> None:
         self._link, self._timeout = link, timeout_s
         self.behind = self.unanswered = 0
 

@@ -185,6 +185,11 @@ class UdpRobot:
         host, port = self._socket.getsockname()
         return str(host), int(port)
 
+    @property
+    def place(self) -> str:
+        """Host and port, as text."""
+        return "{}:{}".format(*self.address)
+
     def wait_for_controller(self, timeout_s: float) -> bool:
         """Wait for the hello of a controller, and return whether one came."""
         end = perf_counter() + timeout_s

@@ -24,12 +24,13 @@ from lgmpc.config.continuing import run_from
 from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
-from lgmpc.errors import ConfigError, InputError, Interrupted
+from lgmpc.errors import InputError, Interrupted
 from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
 from lgmpc.hardware.packets import Layout
 from lgmpc.hardware.secret import read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
+from lgmpc.robot import Robot
 from lgmpc.runs import RunFolder
 from lgmpc.runs.folder import DEPLOYMENT_FILE
 
@@ -47,15 +48,15 @@ def torque(value: float) -> Command:
 def on_a_link(config: Config, out: Path, **options: Any) -> tuple[Any, Deployment, Served]:
     ready, ends, served = threading.Event(), list[UdpRobot](), list[Served]()
 
-    def link(nu: int) -> UdpRobot:
-        ends.append(UdpRobot(nu))
+    def link(robot: Robot) -> UdpRobot:
+        ends.append(UdpRobot(robot.nu))
         ready.set()
         return ends[0]
 
     robot = threading.Thread(target=lambda: served.append(serve_config(config, link, wait_s=60.0, **options)))
     robot.start()
     assert ready.wait(60.0)
-    finished, deployment = deploy_config(config, lambda nu: UdpDriver(ends[0].address, nu), out)
+    finished, deployment = deploy_config(config, lambda robot: UdpDriver(ends[0].address, robot.nu), out)
     robot.join(60.0)
     return finished, deployment, served[0]
 
@@ -105,15 +106,17 @@ def test_in_real_time_the_robot_stands(tmp_path: Path) -> None:
     if not served.unanswered:  # else the machine paused for so long that the robot's watchdog damped its joints
         assert served.max_tilt_deg < 2.0
         assert served.q[:, 2].min() > 0.9 * served.q[0, 2]
-    assert deployment.ticks + deployment.overtaken + deployment.missing <= 500
+    assert deployment.ticks + deployment.missing <= 500  # the last measurements may have arrived together
     assert deployment.ticks > 10
     assert finished.result.metrics is not None
 
 
-def test_a_config_without_an_estimator_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"estimator.kind.*inekf: a robot measures no state"):
-        deploy_config(load_config("solo12_balance"), lambda nu: UdpDriver((LOCALHOST, 9), nu), tmp_path)
-    assert list(tmp_path.iterdir()) == []
+def test_a_config_without_an_estimator_is_deployed_with_one(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    config = load_config("solo12_balance", ["deployment.lost_s=0.05"])
+    finished, deployment = deploy_config(config, lambda robot: UdpDriver((LOCALHOST, 9), robot.nu), tmp_path)
+    assert "no estimator: inekf" in caplog.text and finished.config.estimator.kind == "inekf"
+    assert finished.result.verdict.reasons == (deployment.failure,)
+    assert deployment.failure == "no measurement arrived: is the robot on, and is this its address?"
 
 
 class Lost:
@@ -143,7 +146,7 @@ def test_a_robot_that_is_lost_fails_its_gate_and_the_section_deployment_applies(
     limits = ["deployment.silence_s=0.003", "deployment.lost_s=0.5", "deployment.damping_nms=0.37"]
     robots: list[Lost] = []
     finished, deployment = deploy_config(
-        load_config("solo12_balance_inekf", limits), lambda nu: robots.append(Lost(nu)) or robots[0], tmp_path
+        load_config("solo12_balance_inekf", limits), lambda robot: robots.append(Lost(robot.nu)) or robots[0], tmp_path
     )
     assert finished.result.verdict.reasons[0] == "no measurements arrive"
     assert finished.exit_code == 1
@@ -169,7 +172,7 @@ def test_a_name_that_no_host_can_have_is_refused() -> None:
 def test_a_robot_to_which_no_controller_connects_ends() -> None:
     config = load_config("solo12_balance_inekf", ["duration_s=0.01"])
     with pytest.raises(NoControllerError, match=r"no controller within 0\.05 s"):
-        serve_config(config, UdpRobot, wait_s=0.05)
+        serve_config(config, lambda robot: UdpRobot(robot.nu), wait_s=0.05)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), Interrupted(signal.SIGTERM)])
@@ -186,12 +189,12 @@ def test_a_stopped_robot_says_so_and_keeps_its_motion(
     monkeypatch.setattr(LockStep, "answer", answer)
     monkeypatch.setattr(UdpRobot, "wait_for_controller", lambda self, wait: True)
     config = load_config("solo12_balance_inekf", ["duration_s=0.01"])
-    served = serve_config(config, UdpRobot, lock_step=True)
+    served = serve_config(config, lambda robot: UdpRobot(robot.nu), lock_step=True)
     number = error.signal if isinstance(error, Interrupted) else signal.SIGINT
     assert (served.ending, served.signal) == (f"it was stopped by {number.name}", number)
     assert served.q.shape == (5, 19)
     with pytest.raises(KeyboardInterrupt):
-        serve_config(config, UdpRobot, lock_step=True)
+        serve_config(config, lambda robot: UdpRobot(robot.nu), lock_step=True)
 
 
 def test_lgmpc_robot_ends_with_a_word_on_sigterm() -> None:
@@ -498,8 +501,8 @@ def test_a_gain_beyond_all_bounds_is_refused_by_name(tmp_path: Path, caplog: pyt
     config = load_config("solo12_balance_inekf", ["duration_s=0.02", "pushes=[]"])
     ready, ends, served = threading.Event(), list[UdpRobot](), list[Served]()
 
-    def link(nu: int) -> UdpRobot:
-        ends.append(UdpRobot(nu))
+    def link(robot: Robot) -> UdpRobot:
+        ends.append(UdpRobot(robot.nu))
         ready.set()
         return ends[0]
 

@@ -293,13 +293,16 @@ def _release(network: _Network) -> None:
             _LOG.info("no motion service at %s: nothing to release", network.place)
             return
         sleep(0.02)
+    name = "without an answer"
     for _ in range(5):
-        name = json.loads(_call(requests, answers, _CHECK_MODE) or "{}").get("name", "")
-        if not name:
-            return
-        _LOG.info("releasing the robot's own motion service (%s)", name)
-        _call(requests, answers, _RELEASE_MODE)
-    raise InputError("robot", f"its motion service {name} runs", "a robot that releases it (stand it down by its app)")
+        answer = _call(requests, answers, _CHECK_MODE)
+        if answer:  # the first one may be sent before the service has found this program
+            name = json.loads(answer).get("name", "")
+            if not name:
+                return
+            _LOG.info("releasing the robot's own motion service (%s)", name)
+            _call(requests, answers, _RELEASE_MODE)
+    raise InputError("robot", f"its motion service runs ({name})", "a robot that releases it: stand it down by its app")
 
 
 def _call(requests: Any, answers: Any, api: int) -> str:

@@ -1,8 +1,9 @@
 """What a live page costs the control loop: durations of ticks with and without it, in turn.
 
 A walking Solo12 in real time, alternately with a headless Chromium that shows its page and without a viewer. A tick's
-duration is that of everything between two calls of the run's watcher but sleep: controller, plant, recorder, and the
-watcher's own pictures and wishes. Chromium draws without a graphics card here and takes a core; a real page does less.
+duration is the processor time of the loop between two calls of its watcher: controller, plant, recorder, pictures and
+wishes; other work on a shared machine counts as far as it takes the caches. Chromium draws without a graphics card here
+and takes a core; a page on a desktop takes less.
 
     python scripts/paired_live.py [--pairs 5] [--seconds 10]
 """
@@ -13,7 +14,7 @@ import argparse
 import multiprocessing
 import threading
 from pathlib import Path
-from time import perf_counter, sleep
+from time import perf_counter, sleep, thread_time
 from typing import Any
 
 import numpy as np
@@ -36,23 +37,18 @@ def walked(seconds: float, link: Link) -> Array:
     config = load_config("solo12_velocity", [f"duration_s={seconds + 60.0}", "commands=[]"])
     run = live.LiveRun(config, link, StopSignals(), Path("runs"), lambda message: None)
     run._fulfil(WALK)
-    slept, durations, watch, last = [0.0], [], run._watch, [perf_counter()]
-
-    def counted(duration: float) -> None:
-        begun = perf_counter()
-        sleep(duration)
-        slept[0] += perf_counter() - begun
+    durations: list[float] = []
+    watch, last = run._watch, [thread_time()]
 
     def watched(tick: Any) -> bool:
         going = watch(tick)
-        now = perf_counter()
-        durations.append(now - last[0] - slept[0])
-        last[0], slept[0] = now, 0.0
+        now = thread_time()
+        durations.append(now - last[0])
+        last[0] = now
         if tick.sample.time > seconds:
             run.after = Restart()
         return going
 
-    live.sleep = counted  # type: ignore[assignment]
     run._session.watch = watched
     run.run()
     run.close()
@@ -69,7 +65,7 @@ def main() -> None:
     figures: dict[str, list[Array]] = {"without": [], "with": []}
     addresses: list[str] = []
     with Viewing(port=0, browser=False).open(addresses.append) as link, headless_chromium() as browser:
-        page = browser.new_page(viewport={"width": 480, "height": 320})
+        page = browser.new_page(viewport={"width": 240, "height": 160})
         page.goto(addresses[0].removeprefix("page: "))
         for _ in range(options.pairs):
             for name, used in (("without", Link(multiprocessing.Pipe()[0])), ("with", link)):

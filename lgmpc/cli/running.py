@@ -47,6 +47,8 @@ def run_shown(
         quiet: print the verdict only.
         view: show it on a page while it runs.
     """
+    if origin and view:
+        raise InputError("--view", f"with --from {origin}", "one of both: a repetition is compared, not shown")
     if origin:
         begin = _continuation(first, origin, changes, folder)
     else:

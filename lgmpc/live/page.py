@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
+from threading import Lock
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +88,7 @@ class Page:
         self._gaits: tuple[str, ...] = ()
         self._ended = ""
         self._told, self._plotted_at, self._followed_at, self.stale = 0.0, 0.0, 0.0, False
-        self._pace = Pace()
+        self._pace, self._asking = Pace(), Lock()  # viser calls back in several threads
         self._layout(lowest, highest)
 
     # Layout
@@ -190,10 +192,8 @@ class Page:
     # What the user does
 
     def _ask(self, wish: object) -> None:
-        try:
+        with self._asking, suppress(OSError):
             self._pipe.send(wish)
-        except OSError:
-            pass
 
     def _command(self, **values: Any) -> None:
         self._ask(CommandEntry(at_s=0.0, **values))
@@ -229,13 +229,15 @@ class Page:
         self._ask(Restart(world))
 
     def _on_key(self, key: str, label: str, action: Callable[[], None]) -> None:
-        command = self._server.gui.add_command(label, hotkey=key.upper())
-        command.on_trigger(lambda _: action())
+        async def triggered(_: Any) -> None:  # one after the other, unlike plain functions
+            action()
 
-    def _dragged(self, joint: int) -> Callable[[Any], None]:
+        self._server.gui.add_command(label, hotkey=key.upper()).on_trigger(triggered)
+
+    def _dragged(self, joint: int) -> Callable[[Any], Coroutine[Any, Any, None]]:
         """Return the reaction to a drag of a part of the robot: a pull from the grip to the pointer."""
 
-        def drag(event: Any) -> None:
+        async def drag(event: Any) -> None:  # in order: the end comes last
             if event.phase == "end":
                 self._ask(Pull(0))
                 return
@@ -279,8 +281,8 @@ class Page:
             position=(0.0, 0.0, float(floor.height(np.zeros((1, 2)))[0])),
         )  # fmt: skip
         add_solids(scene, world, cell)
+        self._gaits = started.gaits
         if started.tunable:
-            self._gaits = started.gaits
             self._gait.options = tuple(name for name in started.gaits if name != "stand") or started.gaits
             self._maneuver.options = started.maneuvers or ("none",)
             self._maneuver.visible = self._perform.visible = bool(started.maneuvers)

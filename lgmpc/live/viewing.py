@@ -9,7 +9,6 @@ import importlib.util
 import multiprocessing
 import re
 import socket
-import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -100,7 +99,9 @@ class Viewing:
                 raise LgmpcError("the viewer ended before its page was open; its error is above") from None
             notify(f"page: {url}")
             if self.browser:
-                webbrowser.open(url)
+                from lgmpc.viz import open_page  # when the page is served
+
+                open_page(url)
             yield link
         finally:
             mine.close()

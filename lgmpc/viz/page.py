@@ -139,10 +139,10 @@ def _has_desktop() -> bool:
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def open_page(file: Path) -> None:
-    """Open a page's file in the default browser, if there is a desktop."""
+def open_page(page: Path | str) -> None:
+    """Open a page, a file or an address, in the default browser, if there is a desktop."""
     if _has_desktop():
-        webbrowser.open(file.resolve().as_uri())
+        webbrowser.open(page if isinstance(page, str) else page.resolve().as_uri())
 
 
 def _viewer_folder() -> Path:

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
@@ -69,8 +70,10 @@ def _serve(server: viser.ViserServer, pipe: Connection) -> None:
                     page = Page(message.config, server, pipe) if page is None else page
                     if history is not None:
                         history.close()
-                    history = History(page.robot, message)
-                    page.begin(message, history)
+                        history = None
+                    with suppress(FileNotFoundError):  # a run that is over already
+                        history = History(page.robot, message)
+                        page.begin(message, history)
                 elif page is not None and isinstance(message, Tune):
                     page.tuned(message)
                 elif page is not None and isinstance(message, Note):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+import viser
 
 from lgmpc.config import Config, load_config
 from lgmpc.config.build import prepare
@@ -22,6 +23,7 @@ from lgmpc.errors import InputError, Interrupted
 from lgmpc.live.ring import RingReader
 from lgmpc.live.session import EXTRAS, LiveRun, Pulls
 from lgmpc.live.tuning import Tuner
+from lgmpc.live.viewer import _serve
 from lgmpc.live.viewing import Link, Viewing
 from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
@@ -242,3 +244,15 @@ def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
             viewing.open(print),
         ):
             pass
+
+
+def test_the_viewer_skips_a_run_that_is_over_before_it_could_be_seen(config: Config) -> None:
+    mine, theirs = multiprocessing.Pipe()
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    try:
+        mine.send(Started("psm_gone", config))
+        mine.close()
+        with pytest.raises(EOFError):  # the end of the pipe, and nothing before
+            _serve(server, theirs)
+    finally:
+        server.stop()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -31,6 +32,8 @@ __all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
 _LOG = logging.getLogger(__name__)
 
 
+_OLDEST_S = 0.2
+"""Largest age of an external pose that is used, s."""
 _CONTACT_FORCE = (0.12, 0.8)
 """N per kg of the robot: thresholds of lift-off and touchdown. A quarter of the weight is 2.5."""
 
@@ -82,6 +85,12 @@ class LeggedEstimatorSettings(ImuNoise):
         description="Normal force of a foot, from the joint torques: [lift-off below, touchdown above], N. null: 0.12 "
         "and 0.8 per kg of robot.",
     )
+    external_position_noise_m: Annotated[Positive, Field(le=1.0)] = Field(
+        default=2e-3, description="Standard deviation of an external position in each axis, m."
+    )
+    external_rotation_noise_rad: Annotated[Positive, Field(le=1.0)] = Field(
+        default=5e-3, description="Standard deviation of an external orientation in each axis, rad."
+    )
     replace_implausible: bool = Field(
         default=True,
         strict=True,
@@ -94,6 +103,75 @@ class LeggedEstimatorSettings(ImuNoise):
     start_velocity_m_s: Noise = Field(
         default=0.01, description="Standard deviation of the first velocity, about zero, m/s."
     )
+
+
+class _External:
+    """Corrections of a filter by base poses of an external source, which arrive late.
+
+    The motion since a pose was taken is that of the estimates. The present pose that follows from both is measured by
+    six points around the base, whose noise is equal to that of position and orientation. The first pose defines the
+    world's axes and origin.
+
+    Args:
+        ekf: the filter.
+        settings: of the estimator.
+        period: of the readings, s.
+    """
+
+    def __init__(self, ekf: InvariantEkf, settings: LeggedEstimatorSettings, period: float) -> None:
+        self._ekf, self._settings, self._period = ekf, settings, period
+        shift, turn = settings.external_position_noise_m, settings.external_rotation_noise_rad
+        # Six measured points give the position the variance s^2 / 6, and the rotation s^2 / (4 r^2).
+        self._points = math.sqrt(1.5) * shift / turn * np.vstack([np.eye(3), -np.eye(3)])
+        self._noise = 6.0 * shift**2 * np.eye(3)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was before the next reading."""
+        self._past: deque[Array] = deque(maxlen=math.ceil(_OLDEST_S / self._period) + 1)
+        self._used = self.anchored = False
+
+    def update(self, pose: Array | None, age: float) -> bool:
+        """Correct the estimate with a pose (7,) of ``age`` (s), if there is one; return whether it was the first."""
+        if pose is not None and not np.isfinite(pose).all():
+            pose = None
+        self._used = self._used or pose is not None
+        if not self._used:
+            return False
+        ekf = self._ekf
+        now = _pose_matrix(ekf.rotation, ekf.position)
+        self._past.append(now)
+        steps = round(age / self._period)
+        if pose is None or steps >= len(self._past):
+            return False
+        moved = np.linalg.solve(self._past[-1 - steps], now)
+        measured = _pose_matrix(quaternion.to_matrix(pose[3:]), pose[:3]) @ moved
+        rotation, position = measured[:3, :3], measured[:3, 3]
+        first, self.anchored = not self.anchored, True
+        if first:
+            self._begin(rotation, position)
+        else:
+            for point in self._points:
+                ekf.correct_known_landmark(position + point, point @ rotation, self._noise)
+        change = _pose_matrix(ekf.rotation, ekf.position) @ np.linalg.inv(now)
+        for k, each in enumerate(self._past):
+            self._past[k] = change @ each
+        return first
+
+    def _begin(self, rotation: Array, position: Array) -> None:
+        """Move the estimate to a pose, with its velocity and biases, without contacts."""
+        ekf, settings, state = self._ekf, self._settings, np.eye(5)
+        state[:3, :3], state[:3, 4] = rotation, position
+        state[:3, 3] = rotation @ (ekf.velocity @ ekf.rotation)
+        spread = (settings.external_rotation_noise_rad, settings.start_velocity_m_s, settings.external_position_noise_m)
+        biases = (settings.gyro_bias_rad_s, settings.accelerometer_bias_m_s2)
+        ekf.reset(state, np.repeat([*spread, *biases], 3), ekf.gyro_bias.copy(), ekf.accelerometer_bias.copy())
+
+
+def _pose_matrix(rotation: Array, position: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, position
+    return pose
 
 
 class GroundBelief(Protocol):
@@ -146,7 +224,7 @@ class LeggedEstimator:
     On ground that counts as level, up to ``floor_noise_m``, each touchdown also measures the height of the contact
     point: the height does not drift, and a tilt can be distinguished from a bias of the accelerometer.
     The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
-    position and yaw are not observable and drift, slowly during contact.
+    position and yaw are not observable and drift, slowly during contact, unless readings have external poses.
 
     A quantity that cannot be true, such as a spike of one tick, is replaced by its prediction for some ticks
     (:class:`~lgmpc.estimation.MeasurementMonitor`). A reading that is not finite even then is skipped: the estimate is
@@ -215,6 +293,7 @@ class LeggedEstimator:
         self._speed_variance = settings.joint_velocity_noise_rad_s**2
         self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
+        self._external = _External(self.ekf, settings, period)
         self._start = np.eye(5)
         self._start[:3, :3] = quaternion.to_matrix(start[3:])
         self._start[:3, 4] = start[:3]
@@ -231,6 +310,7 @@ class LeggedEstimator:
         self.rejected[:] = False
         if self.monitor is not None:
             self.monitor.reset()
+        self._external.reset()
         self._running, self.failures, self._floor = False, 0, math.nan
 
     def update(self, measurement: Measurement) -> RobotState:
@@ -269,6 +349,9 @@ class LeggedEstimator:
             ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
         if self.settings.floor_noise_m is not None and new.any():
             self._touch_floor(np.flatnonzero(new), self.settings.floor_noise_m)
+        if self._external.update(reading.external_pose, reading.external_age or 0.0):
+            _LOG.info("world axes and origin are those of the external source from %.3f s on", reading.time)
+            self._floor = math.nan
         np.greater(self.contacts, ekf.touching, out=self.rejected)
         self._q[:3] = ekf.position
         self._q[3:7] = quaternion.from_matrix.unchecked(ekf.rotation)

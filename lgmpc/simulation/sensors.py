@@ -1,8 +1,9 @@
-"""Simulated sensors: an IMU at the base, joint encoders, and torques from motor currents."""
+"""Simulated sensors: an IMU at the base, joint encoders, torques from motor currents, poses of motion capture."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -11,7 +12,7 @@ from pydantic import Field
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
-from lgmpc.settings import Noise, NonNegative, Settings
+from lgmpc.settings import Noise, NonNegative, Positive, Settings
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
@@ -55,6 +56,18 @@ class SensorNoise(Settings):
     torque_noise_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
         default=0.01, description="Standard deviation of a joint torque measured by its motor current, N.m."
     )
+    external_rate_hz: Positive | None = Field(
+        default=None, description="Rate of base poses by motion capture or another external source, Hz; null: none."
+    )
+    external_delay_s: Annotated[NonNegative, Field(le=1.0)] = Field(
+        default=0.01, description="Age of an external pose when it arrives, s."
+    )
+    external_position_noise_m: Noise = Field(
+        default=1e-3, description="Standard deviation of an external position in each axis, m."
+    )
+    external_rotation_noise_rad: Noise = Field(
+        default=2e-3, description="Standard deviation of an external orientation in each axis, rad."
+    )
 
 
 class Sensors:
@@ -93,6 +106,9 @@ class Sensors:
         self._walk = np.repeat(walk, 3) * math.sqrt(period)
         self._bias = np.repeat([noise.gyro_bias_rad_s, noise.accelerometer_bias_m_s2], 3) * rng.normal(size=6)
         self._last: tuple[Array, Array] | None = None
+        rate = noise.external_rate_hz
+        self._every, self._reads = 0 if rate is None else max(1, round(1.0 / (rate * period))), 0
+        self._underway: deque[tuple[float, Array]] = deque()  # external poses, and when they were taken
 
     @property
     def gyro_bias(self) -> Array:
@@ -125,6 +141,7 @@ class Sensors:
         joints = sample.q[7:] + noise.encoder_noise_rad * encoders
         if noise.encoder_step_rad > 0.0:
             joints = noise.encoder_step_rad * np.round(joints / noise.encoder_step_rad)
+        pose, age = self._external(sample) if self._every else (None, None)
         return Measurement(
             sample.time,
             rates[:3],
@@ -132,4 +149,22 @@ class Sensors:
             joints,
             sample.v[6:] + noise.joint_velocity_noise_rad_s * speeds,
             sample.tau + noise.torque_noise_nm * torques,
+            external_pose=pose,
+            external_age=age,
         )
+
+    def _external(self, sample: PlantSample) -> tuple[Array | None, float | None]:
+        """Return the external pose that arrives now and its age, if one does."""
+        noise = self.noise
+        if self._reads % self._every == 0:
+            shift, turn = self._rng.normal(size=(2, 3))
+            pose = sample.q[:7].copy()
+            pose[:3] += noise.external_position_noise_m * shift
+            turned = so3.exp(noise.external_rotation_noise_rad * turn) @ quaternion.to_matrix.unchecked(pose[3:])
+            pose[3:] = quaternion.from_matrix.unchecked(turned)
+            self._underway.append((sample.time, pose))
+        self._reads += 1
+        if not self._underway or sample.time - self._underway[0][0] < noise.external_delay_s - 0.5 * self._period:
+            return None, None
+        taken, pose = self._underway.popleft()
+        return pose, sample.time - taken

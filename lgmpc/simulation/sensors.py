@@ -12,7 +12,7 @@ from pydantic import Field
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
-from lgmpc.settings import Noise, NonNegative, Positive, Settings
+from lgmpc.settings import Noise, NonNegative, Settings
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
@@ -56,8 +56,8 @@ class SensorNoise(Settings):
     torque_noise_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
         default=0.01, description="Standard deviation of a joint torque measured by its motor current, N.m."
     )
-    external_rate_hz: Positive | None = Field(
-        default=None, description="Rate of base poses by motion capture or another external source, Hz; null: none."
+    external_rate_hz: Annotated[NonNegative, Field(le=1e4)] = Field(
+        default=0.0, description="Rate of base poses by motion capture or another external source, Hz; 0: none."
     )
     external_delay_s: Annotated[NonNegative, Field(le=1.0)] = Field(
         default=0.01, description="Age of an external pose when it arrives, s."
@@ -107,7 +107,7 @@ class Sensors:
         self._bias = np.repeat([noise.gyro_bias_rad_s, noise.accelerometer_bias_m_s2], 3) * rng.normal(size=6)
         self._last: tuple[Array, Array] | None = None
         rate = noise.external_rate_hz
-        self._every, self._reads = 0 if rate is None else max(1, round(1.0 / (rate * period))), 0
+        self._every, self._reads = 0 if rate == 0.0 else max(1, round(1.0 / (rate * period))), 0
         self._underway: deque[tuple[float, Array]] = deque()  # external poses, and when they were taken
 
     @property

@@ -26,7 +26,6 @@ __all__ = [
     "distinct",
     "like",
     "pack_terminal",
-    "pipeline_of",
     "retraction",
     "runs_of",
     "structure_of",
@@ -157,21 +156,38 @@ class StageMatrices:
 
     def packed(self, blocks: Mapping[str, Block]) -> ca.Function | Pipeline:
         """Return ``(x, u, x_next, p) -> values`` with the entries of all blocks."""
-        action, column = self._action, _packed(self._matrices, blocks)
-        name = f"{action.name}_values_{column.numel()}"
-        if action.expansion is None:
-            return ca.Function(name, self._inputs, [column], self._names, ["values"])
-        return pipeline_of(name, action, dict(zip(self._names, self._inputs, strict=True)), {"values": column})
+        column = _packed(self._matrices, blocks)
+        return self._evaluation(f"values_{column.numel()}", {"values": column})
+
+    def stacked(self) -> ca.Function | Pipeline:
+        """Return ``(x, u, x_next, p) -> (jacobian, hessian, gradient, gap, cost)`` over (dx, u), without rows."""
+        m = self._matrices
+        outputs = {
+            "jacobian": ca.horzcat(m["A"], m["B"]),
+            "hessian": ca.blockcat([[m["Q"], m["S"].T], [m["S"], m["R"]]]),
+            "gradient": ca.vertcat(m["q"], m["r"]),
+            "gap": m["b"],
+            "cost": m["cost"],
+        }
+        return self._evaluation(f"expansion_{m['r'].numel()}", outputs)
+
+    def _evaluation(self, kind: str, outputs: Mapping[str, Any]) -> ca.Function | Pipeline:
+        """Return the function of the stage with these results, stored whole."""
+        name = f"{self._action.name}_{kind}"
+        outputs = {key: ca.densify(value) for key, value in outputs.items()}
+        if self._action.expansion is None:
+            return ca.Function(name, self._inputs, [*outputs.values()], self._names, [*outputs])
+        return _pipeline(name, self._action, dict(zip(self._names, self._inputs, strict=True)), outputs)
 
 
-def pipeline_of(name: str, action: Action, symbols: Mapping[str, Any], outputs: Mapping[str, Any]) -> Pipeline:
+def _pipeline(name: str, action: Action, symbols: Mapping[str, Any], outputs: Mapping[str, Any]) -> Pipeline:
     """Return the pipeline of an action's expansion in steps, with results of chosen entries.
 
     Args:
         name: in messages.
         action: with an expansion in steps.
         symbols: of the expansion's columns.
-        outputs: columns (or matrices) whose entries are such symbols, or constants.
+        outputs: matrices whose entries are such symbols, or constants.
     """
     assert action.expansion is not None
     known = {
@@ -189,7 +205,7 @@ def pipeline_of(name: str, action: Action, symbols: Mapping[str, Any], outputs: 
             numbers.append(number)
         return "numbers", numbers.index(number)
 
-    entries = {key: tuple(place(e) for e in ca.vertsplit(ca.vec(ca.densify(v)))) for key, v in outputs.items()}
+    entries = {key: tuple(place(e) for e in ca.vertsplit(ca.vec(v))) for key, v in outputs.items()}
     steps = action.expansion.steps
     if numbers:
         constants = ca.Function(f"{name}_numbers", [], [ca.SX(ca.DM(numbers))])

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions import Action
-from lgmpc.compile import BatchKernel, Pipeline, StageKernel, aligned_zeros, cached
-from lgmpc.ocp.horizon import bind_intervals, bind_last, difference, distinct, like, pipeline_of, symbols_of
+from lgmpc.compile import BatchKernel, StageKernel, aligned_zeros, cached
+from lgmpc.ocp.horizon import StageMatrices, bind_intervals, bind_last, difference, distinct, like, symbols_of
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array
@@ -149,8 +149,7 @@ def _compile(
     actions: tuple[Action, ...], last: Action, state: State, nu: int, progress: Callable[[str], None] | None
 ) -> _Compiled:
     def expand(action: Action) -> BatchKernel:
-        write = _expansion if action.expansion is None else _expansion_pipeline
-        return BatchKernel(write(action, nu), progress)
+        return BatchKernel(StageMatrices(action, nu).stacked(), progress)
 
     def roll_out(action: Action) -> StageKernel | _RollOut:
         if action.expansion is None:
@@ -167,51 +166,6 @@ def _compile(
     )
 
 
-def _padded(matrix: ca.SX, rows: int, columns: int) -> ca.SX:
-    """Return the matrix with zero rows below and zero columns on the right."""
-    wide = ca.horzcat(matrix, ca.DM(matrix.shape[0], columns - matrix.shape[1]))
-    return ca.densify(ca.vertcat(wide, ca.DM(rows - wide.shape[0], columns)))
-
-
-def _expansion(action: Action, nu: int) -> ca.Function:
-    x, u, x_next, p = symbols_of(action.quadratic_function)
-    names = action.quadratic_function.name_out()
-    m = dict(zip(names, action.quadratic_function.call([x, u, x_next, p]), strict=True))
-    n = action.state.ndx + nu
-    hessian = _padded(ca.blockcat([[m["Q"], m["S"].T], [m["S"], m["R"]]]), n, n)
-    for i in range(action.state.ndx + action.nu, n):
-        hessian[i, i] = 1.0
-    outputs = [
-        _padded(ca.horzcat(m["A"], m["B"]), action.state.ndx, n),
-        hessian,
-        _padded(ca.vertcat(m["q"], m["r"]), n, 1),
-        m["b"],
-        m["cost"],
-    ]
-    return ca.Function(
-        f"{action.name}_expansion_{nu}",
-        [x, u, x_next, p],
-        outputs,
-        ["x", "u", "x_next", "p"],
-        ["jacobian", "hessian", "gradient", "gap", "cost"],
-    )
-
-
-def _expansion_pipeline(action: Action, nu: int) -> Pipeline:
-    """Return the pipeline with the results of :func:`_expansion`, for an action with an expansion in steps."""
-    assert action.expansion is not None
-    symbols = {name: ca.SX.sym(name, *pattern.shape) for name, pattern in action.expansion.columns.items()}
-    n = action.state.ndx + nu
-    outputs = {
-        "jacobian": _padded(symbols["jacobian"], action.state.ndx, n),
-        "hessian": ca.diagcat(symbols["hessian"], ca.SX.eye(nu - action.nu)),
-        "gradient": _padded(symbols["gradient"], n, 1),
-        "gap": symbols["gap"],
-        "cost": symbols["cost"],
-    }
-    return pipeline_of(f"{action.name}_expansion_{nu}", action, symbols, outputs)
-
-
 def _roll_out(action: Action, nu: int) -> ca.Function:
     symbols, names, u, close = _under_feedback(action, nu)
     policy = ca.Function("policy", symbols, [u])
@@ -225,10 +179,7 @@ def _roll_out(action: Action, nu: int) -> ca.Function:
     u = policy(*inputs)
     x_next, cost, *_ = action.value_function.call([inputs[0], u[: action.nu], inputs[-1]])
     moved = closing(x_next, *(inputs[names.index(name)] for name in ("gap", "alpha")))
-    return ca.Function(
-        f"{action.name}_roll_out_{nu}", inputs, [moved, _padded(u[: action.nu], nu, 1), cost], names,
-        ["x_next", "u", "cost"],
-    )  # fmt: skip
+    return ca.Function(f"{action.name}_roll_out_{nu}", inputs, [moved, u, cost], names, ["x_next", "u", "cost"])
 
 
 def _simulation(action: Action, nu: int) -> ca.Function:
@@ -238,8 +189,8 @@ def _simulation(action: Action, nu: int) -> ca.Function:
     inputs, names, u, close = _under_feedback(action, nu)
     inputs[-1] = ca.SX.sym("p", dynamics.numel_in(2))
     x_next, z = dynamics.call([inputs[0], u[: action.nu], inputs[-1]])
-    outputs = [close(x_next), _padded(u[: action.nu], nu, 1), z]
-    return ca.Function(f"{dynamics.name()}_roll_out_{nu}", inputs, outputs, names, ["x_next", "u", "z"])
+    name = f"{dynamics.name()}_roll_out_{nu}"
+    return ca.Function(name, inputs, [close(x_next), u, z], names, ["x_next", "u", "z"])
 
 
 def _under_feedback(action: Action, nu: int) -> tuple[list[Any], list[str], Any, Callable[[Any], Any]]:
@@ -252,6 +203,7 @@ def _under_feedback(action: Action, nu: int) -> tuple[list[Any], list[str], Any,
     u = u_base - alpha * forward - back.T @ state.diff_symbolic(base, x)
     # By comparison, not with fmin and fmax, which return the bound for NaN.
     u = ca.if_else(u < lower, lower, ca.if_else(u > upper, upper, u))
+    u = ca.vertcat(ca.reshape(u[: action.nu], action.nu, 1), ca.DM.zeros(nu - action.nu))
     inputs = [x, base, u_base, back, forward, gap, lower, upper, alpha, p]
     names = ["x", "x_base", "u_base", "feedback", "feedforward", "gap", "lower", "upper", "alpha", "p"]
     return inputs, names, u, lambda reached: state.integrate_symbolic(reached, (alpha - 1) * gap)

@@ -250,6 +250,10 @@ def export(
     ] = None,
     mcap: Annotated[Path | None, option("All of a closed loop for Foxglove.", "--mcap", metavar="FILE")] = None,
     rrd: Annotated[Path | None, option("All of a closed loop for rerun.", "--rrd", metavar="FILE")] = None,
+    dataset: Annotated[
+        Path | None,
+        option("Run, or kept runs of a sweep's folder, as a LeRobot dataset.", "--dataset", metavar="FOLDER"),
+    ] = None,
     table: Annotated[
         str | None,
         option("Table of --csv and --parquet: ticks, mpc; of a solve nodes, intervals, iterations.", metavar="NAME"),
@@ -263,12 +267,17 @@ def export(
 
     files = {"--csv": csv, "--parquet": parquet, "--mcap": mcap, "--rrd": rrd}
     wanted = {name: file for name, file in files.items() if file is not None}
-    if not wanted:
-        raise InputError("lgmpc export", "no file", f"at least one of {', '.join(files)}")
+    if not wanted and dataset is None:
+        raise InputError("lgmpc export", "no file", f"at least one of {', '.join(files)}, --dataset")
     for name, file in wanted.items():
         if file.suffix != f".{name[2:]}":
             raise InputError(name, file.name, f"a file that ends in .{name[2:]}")
     folder = find_run(run, runs)
+    if dataset is not None:
+        from lgmpc.sweeps.dataset import write_dataset
+
+        episodes, frames = write_dataset(folder, dataset)
+        stdout().print(f"wrote {dataset}: {episodes} episodes, {frames} frames", markup=False)
     for file in wanted.values():
         stdout().print(f"wrote {write(folder, file, table)}", markup=False)
 

@@ -77,6 +77,7 @@ export
 lgmpc export latest --csv run.csv --parquet run.parquet
 lgmpc export latest --csv updates.csv --table mpc
 lgmpc export latest --mcap run.mcap --rrd run.rrd     for Foxglove and rerun
+lgmpc export sweeps/random_1000 --dataset walks     the runs that it kept, for LeRobot
 
 plot
 lgmpc plot latest                          into the run's own folder, figures/

@@ -47,12 +47,12 @@ def build_map(
         return found
     if world is None or pose is None:
         raise config.error(f"{_KEY}.kind", f"'{settings.kind}' without a simulated world", "'none' or 'own'")
-    legs = LegGeometry.of(robot)
+    height = LegGeometry.of(robot).height
     rng = np.random.default_rng((config.seed if settings.seed is None else settings.seed, _STREAM))
     if isinstance(settings, KnownMapSettings):
-        return KnownMap(world.height, settings, legs.height, legs.radius, rng)
-    reach = _RANGE * legs.height if settings.range_m is None else settings.range_m
-    above = _ABOVE * legs.height if settings.above_m is None else settings.above_m
-    seen = SeenMap(lambda: scan(), settings, legs.height, legs.radius)
+        return KnownMap(world.height, settings, height, rng)
+    reach = _RANGE * height if settings.range_m is None else settings.range_m
+    above = _ABOVE * height if settings.above_m is None else settings.above_m
+    seen = SeenMap(lambda: scan(), settings, height)
     scan = DepthScan(world.height, pose, reach, seen.cell, above, settings.noise_m, rng)
     return seen

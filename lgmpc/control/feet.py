@@ -126,12 +126,17 @@ class Feet:
         """Step on the ground of a map from now on; ``pose`` (7,) is a live view of the base's.
 
         Raises:
-            InputError: the robot has soles.
+            InputError: the robot has soles, or the map does not return one height, and one answer, for each point.
         """
         if not self.points.single:
             raise InputError(
                 "locomotion.terrain.map", "a map for a robot with soles", "'none': maps are for point feet"
             )
+        places = np.zeros((2, 2))
+        for name, found in (("height", elevation.height(places)), ("steppable", elevation.steppable(places, 0.01))):
+            if np.shape(found) != (2,) or np.asarray(found).dtype.kind not in "bf":
+                got = f"an array of shape {np.shape(found)} of {np.asarray(found).dtype} from {name} for (2, 2) points"
+                raise InputError("locomotion.terrain.map", got, "one of shape (2,), of heights or of booleans")
         belief = MappedBelief(len(self._places), self.legs, self.settings.terrain, elevation, pose)
         self.ground = self._planner.ground = self.mapped = belief
 

@@ -29,7 +29,7 @@ __all__ = ["ElevationMap", "GridMap", "KnownMap", "MapSettings", "SeenMap", "eve
 _HALF_WIDTH = 5.0  # of the grid, in heights of the centre of mass
 _CELL_SHARE = 0.05  # of the height of the centre of mass
 _STEEPEST = 1.0  # rise per metre
-_UNEVEN_SHARE = 0.4  # of a foot's radius
+_UNEVEN_SHARE = 0.03  # of the height of the centre of mass
 _NOISE_SHARE = 4.0  # of standard deviations: second differences of heights have 2.4 times their noise
 _DIRECTIONS = np.arange(8) * (math.pi / 8.0)
 _HALF_RINGS = np.concatenate([r * np.column_stack([np.cos(_DIRECTIONS), np.sin(_DIRECTIONS)]) for r in (0.5, 1.0)])
@@ -241,7 +241,6 @@ class KnownMap(GridMap):
         truth: true heights of points (n, 2), m.
         settings: of errors and resolution.
         height: of the robot's centre of mass above its feet, m.
-        radius: of its feet, m.
         rng: of the errors.
     """
 
@@ -250,11 +249,10 @@ class KnownMap(GridMap):
         truth: Callable[[Array], Array],
         settings: KnownMapSettings,
         height: float,
-        radius: float,
         rng: np.random.Generator,
     ) -> None:
         cell = _CELL_SHARE * height if settings.resolution_m is None else settings.resolution_m
-        super().__init__(cell, _HALF_WIDTH * height, _UNEVEN_SHARE * radius + _NOISE_SHARE * settings.noise_m)
+        super().__init__(cell, _HALF_WIDTH * height, _UNEVEN_SHARE * height + _NOISE_SHARE * settings.noise_m)
         self._truth, self._rng, self._noise = truth, rng, settings.noise_m
         self._offset, self._drift = np.array(settings.offset_m), settings.drift_m_per_m
         angle = rng.uniform(0.0, 2.0 * math.pi)
@@ -281,12 +279,11 @@ class SeenMap(GridMap):
         scan: returns points (k, 3) seen now, in axes at the base's origin, m.
         settings: of rate and resolution.
         height: of the robot's centre of mass above its feet, m.
-        radius: of its feet, m.
     """
 
-    def __init__(self, scan: Callable[[], Array], settings: SeenMapSettings, height: float, radius: float) -> None:
+    def __init__(self, scan: Callable[[], Array], settings: SeenMapSettings, height: float) -> None:
         cell = _CELL_SHARE * height if settings.resolution_m is None else settings.resolution_m
-        super().__init__(cell, _HALF_WIDTH * height, _UNEVEN_SHARE * radius + _NOISE_SHARE * settings.noise_m)
+        super().__init__(cell, _HALF_WIDTH * height, _UNEVEN_SHARE * height + _NOISE_SHARE * settings.noise_m)
         self._scan, self._period, self._due = scan, 1.0 / settings.rate_hz, -math.inf
 
     def update(self, time: float, pose: Array) -> None:

@@ -245,7 +245,7 @@ class MappedBelief(TerrainBelief):
         if others is not None and len(others):
             apart = np.linalg.norm(points[:, :, None] - others, axis=-1)
             clear = (apart >= planner.spacing - 1e-9).all(axis=2)
-        near = clear & self._within(planner, motion, feet, points, ground, remaining, stance, turn)
+        near = clear & self._within(planner, motion, feet, points, ground, remaining, stance, turn, others is not None)
         ok = flat & near & (heights[..., 1:] < shank).all(axis=2)
         best, row, served = np.zeros(count, dtype=np.int64), np.arange(count), np.zeros(count, dtype=np.bool_)
         for each in (ok, barely & near, barely & clear):
@@ -261,23 +261,24 @@ class MappedBelief(TerrainBelief):
 
     def _within(
         self, planner: FootholdPlanner, motion: BaseMotion, feet: Sequence[int], points: Array, ground: Array,
-        remaining: Array, stance: float, turn: Array,
+        remaining: Array, stance: float, turn: Array, present: bool,
     ) -> BoolArray:  # fmt: skip
-        """Return (k, n) which points are within reach of the hips from touchdown to lift-off."""
-        legs = self._legs
-        velocity = np.array([motion.commanded_vx, motion.commanded_vy])
-        hips = np.array([motion.x, motion.y]) + remaining[:, None] * velocity
-        hips = hips + (legs.hips[feet][:, None, :2] @ turn)[:, 0]
-        last = hips + (stance if stance < math.inf else 0.0) * velocity
+        """Return (k, n) which points are within reach of the hips from touchdown to lift-off.
+
+        A point that is no farther away than the first one, on the plane, is within reach in any case.
+        """
+        legs, (mx, my, mz), slope = self._legs, self._middle, self.slope
+        com = np.array([planner.expected(motion, each, present) for each in remaining.tolist()])
+        hips = com + (legs.hips[feet][:, None, :2] @ turn)[:, 0]
+        way = (stance if stance < math.inf else 0.0) * np.array([motion.commanded_vx, motion.commanded_vy])
         longest = planner.reach_share * legs.length[feet, None]
-        result: BoolArray | None = None
-        for hip in (hips, last):
-            (mx, my, mz), slope = self._middle, self.slope
+        nominal = mz + (points[:, 0] - (mx, my)) @ slope
+        result = np.ones(points.shape[:2], dtype=np.bool_)
+        for hip in (hips, hips + way):
             above = mz + (hip - (mx, my)) @ slope + legs.height + legs.hips[feet, 2] + motion.height
-            squares = ((points - hip[:, None]) ** 2).sum(axis=2) + (above[:, None] - ground) ** 2
-            within = squares <= longest**2
-            result = within if result is None else result & within
-        assert result is not None
+            squares = ((points - hip[:, None]) ** 2).sum(axis=2)
+            most = np.maximum(longest**2, squares[:, :1] + (above - nominal)[:, None] ** 2 + 1e-12)
+            result &= squares + (above[:, None] - ground) ** 2 <= most
         return result
 
     def _normals_at(self, points: Array, flat: BoolArray) -> Array:

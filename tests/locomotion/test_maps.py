@@ -9,11 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lgmpc.config import load_config
+from lgmpc.config.build import build_controller, build_robot
+from lgmpc.errors import InputError
 from lgmpc.locomotion import FootholdPlanner, LegGeometry, TerrainBeliefSettings
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.maps import KnownMap, KnownMapSettings, SeenMap, SeenMapSettings, even
 from lgmpc.locomotion.stepping import MappedBelief
 from lgmpc.typing import Array, BoolArray
+from lgmpc.world import World
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (200, 2))
 POSE = np.array([0.0, 0.0, 0.25, 0.0, 0.0, 0.0, 1.0])
@@ -29,7 +33,7 @@ def step(points: Array) -> Array:
 
 
 def known(truth: object, **settings: object) -> KnownMap:
-    found = KnownMap(truth, KnownMapSettings(**settings), 0.24, 0.016, np.random.default_rng(0))  # type: ignore[arg-type]
+    found = KnownMap(truth, KnownMapSettings(**settings), 0.24, np.random.default_rng(0))  # type: ignore[arg-type]
     found.update(0.0, POSE)
     return found
 
@@ -99,7 +103,7 @@ def test_a_map_of_what_is_seen_is_in_the_frame_of_the_estimate() -> None:
     seen = np.column_stack([np.repeat(np.arange(0.2, 0.6, 0.008), 50), np.tile(np.arange(-0.2, 0.2, 0.008), 50)])
     points = np.column_stack([seen, step(seen) - 0.25])
     estimate = np.array([1.0, 2.0, 0.30, 0.0, 0.0, math.sin(0.2), math.cos(0.2)])
-    grid = SeenMap(lambda: points, SeenMapSettings(), 0.24, 0.016)
+    grid = SeenMap(lambda: points, SeenMapSettings(), 0.24)
     grid.update(0.0, estimate)
     c, s = math.cos(0.4), math.sin(0.4)
     at = np.array([[0.45, 0.0], [0.3, 0.1]]) @ [[c, s], [-s, c]] + estimate[:2]
@@ -111,7 +115,7 @@ def test_a_map_of_what_is_seen_is_in_the_frame_of_the_estimate() -> None:
     st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2), st.integers(0, 3),
     st.lists(st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)), max_size=3),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_the_foothold_is_the_nearest_point_of_the_patch_that_serves(
     legs: LegGeometry, x: float, y: float, v: float, foot: int, near: list[tuple[float, float]]
 ) -> None:
@@ -129,7 +133,9 @@ def test_the_foothold_is_the_nearest_point_of_the_patch_that_serves(
         flat = elevation.steppable(point[None], belief.radius)[0]
         clear = all(math.dist(point, other) >= planner.spacing - 1e-9 for other in others)
         hips = [legs.hips[foot] + [v * t, 0.0, legs.height] for t in (0.1, 0.3)]
-        near_enough = all(math.dist([*point, ground], hip) <= longest for hip in hips)
+        near_enough = all(
+            math.dist([*point, ground], hip) <= max(longest, math.dist([*nominal, 0.0], hip) + 1e-9) for hip in hips
+        )
         knee = legs.knees[foot] - legs.feet[foot]
         shank = all(
             elevation.height((point + share * knee[:2])[None])[0] < ground + share * knee[2]
@@ -159,6 +165,29 @@ def test_footholds_move_with_the_map(legs: LegGeometry, yaw: float, at: tuple[fl
     )  # fmt: skip
     np.testing.assert_allclose(there[:, :2], here[:, :2] @ turn + at, atol=1e-9)
     np.testing.assert_allclose(there[:, 2], here[:, 2], atol=1e-9)
+
+
+class Column(Analytic):
+    def height(self, points: Array) -> Array:
+        return np.zeros((len(points), 1))
+
+
+def test_a_map_of_the_wrong_shape_and_one_for_soles_are_errors() -> None:
+    config = load_config("solo12_stairs_map")
+    controller = build_controller(config, build_robot(config), world=World(), pose=lambda: POSE)
+    with pytest.raises(InputError, match=r"shape \(2, 1\).*from height.*expected one of shape \(2,\)"):
+        controller.feet.read_map(Column(), POSE)
+    with pytest.raises(InputError, match="kind: got 'known' without a simulated world; expected 'none' or 'own'"):
+        build_controller(config, build_robot(config))
+    own = f"locomotion.terrain.map={{kind: own, use: '{__name__}:Nothing'}}"
+    with pytest.raises(InputError, match="kind"):
+        load_config("solo12_stairs_map", ["locomotion.terrain.map=knwon"])
+    with pytest.raises(InputError, match="which returns Nothing; expected an object with update, height and steppable"):
+        build_controller(load_config("solo12_stairs_map", [own]), build_robot(config))
+
+
+class Nothing:
+    """No map."""
 
 
 def test_the_offset_of_a_map_in_height_is_measured_by_the_feet(legs: LegGeometry) -> None:

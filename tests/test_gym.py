@@ -33,7 +33,9 @@ def test_gymnasium_makes_it_and_its_checker_passes() -> None:
     check_env(env.unwrapped, skip_render_check=True)
 
 
-@pytest.mark.parametrize("kind", ACTIONS)
+@pytest.mark.parametrize(
+    "kind", [each if each == "torque" else pytest.param(each, marks=pytest.mark.slow) for each in ACTIONS]
+)
 def test_actions_are_named_act_and_are_repeatable_bit_for_bit(kind: str) -> None:
     env = short(action=kind)
     assert env.action_space.shape == (len(env.action_names),)
@@ -48,8 +50,8 @@ def test_actions_are_named_act_and_are_repeatable_bit_for_bit(kind: str) -> None
 def test_an_action_of_zeros_is_the_controller_alone() -> None:
     env = short(action="footholds")
     observations, _ = rollout(env, np.zeros((30, 8)))
-    others = [rollout(short(action=kind), np.zeros((30, n)))[0] for kind, n in (("torque", 12), ("command", 3))]
-    assert all(np.array_equal(each[:, :50], observations[:, :50]) for each in others)
+    other, _ = rollout(short(action="torque"), np.zeros((30, 12)))
+    assert np.array_equal(other[:, :50], observations[:, :50])
     config = lgmpc.load_config(
         "solo12_velocity",
         ["pushes=[]", "duration_s=0.6", "log.rate_hz=1000"]

@@ -81,7 +81,7 @@ class Page:
         lowest, highest = self._body.bounds(robot.q_reference)
         self._height = float(highest[2] - lowest[2])
         weight = robot.mass * float(np.linalg.norm(robot.gravity))
-        self._scale = Scale.of(self._height, weight, len(robot.contact_frames))
+        self._scale = Scale.of(self._height, weight, robot.nf)
         self._half = self._body.trunk_half_sides()
         self._data = robot.create_data()
         self._shift, self._grip = np.zeros(3), np.zeros(3)

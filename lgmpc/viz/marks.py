@@ -58,9 +58,9 @@ class Scale:
     newtons: float
 
     @classmethod
-    def of(cls, height: float, weight: float, contacts: int) -> Scale:
-        """Return the scale for a robot of ``height`` m with ``weight`` N on ``contacts`` contacts."""
-        share = max(weight / max(contacts, 1), 1e-6)
+    def of(cls, height: float, weight: float, feet: int) -> Scale:
+        """Return the scale for a robot of ``height`` m with ``weight`` N on ``feet`` feet of any number of points."""
+        share = max(weight / max(feet, 1), 1e-6)
         power = 10.0 ** math.floor(math.log10(share))
         newtons = min((1.0, 2.0, 5.0, 10.0), key=lambda step: abs(math.log(step * power / share))) * power
         return cls(float(f"{0.45 * height:.0e}"), newtons)

@@ -104,7 +104,7 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
     travel = log.base_pose[frames.ticks, :3]
     lowest, highest = _bounds(body, log.q[frames.ticks], travel, ground)
     height = float(np.subtract(*body.bounds(robot.q_reference)[::-1])[2])  # that of a start on a slope is larger
-    scale = Scale.of(height, _weight(robot), len(log.contact_frames))
+    scale = Scale.of(height, _weight(robot), robot.nf)
     fog = add_stage(scene, lowest, highest, travel, ground)
     body.add_to(scene)
     body.animate(scene, frames.times, log.q[frames.ticks])

@@ -42,7 +42,6 @@ _SWING = 30
 """Pictures over which the path of a swing is drawn."""
 _PLOTTED = 600
 _FURTHER = 1.7
-_LEAST_RANGE = 0.2
 _FOLLOW_S, _JUMP_M = 0.2, 2.0
 _TIME_AXIS = uplot.Scale(time=False, auto=True)
 _STEP_M_S, _STEP_RAD_S = 0.1, 0.2
@@ -369,10 +368,7 @@ class Page:
             (velocity[:, 0], velocity[:, 1], wanted), (log.tilt_deg,), (effort,)
         )  # fmt: skip
         for plot, lines in zip(self._plots.values(), values, strict=True):
-            low, high = min(map(np.min, lines)), max(map(np.max, lines))
-            margin = 0.5 * max(_LEAST_RANGE - (high - low), 0.1 * (high - low))  # rounding errors are no motion
-            plot.scales = {"x": _TIME_AXIS, "y": uplot.Scale(range=(low - margin, high + margin))}
-            plot.data = (time, *lines)
+            plot.data = (time, *(np.round(line, 3) for line in lines))  # rounding errors are no motion
 
 
 def _curve(name: str, color: str) -> uplot.Series:

@@ -118,9 +118,9 @@ class Page:
         gui, limits = self._server.gui, self._config.locomotion.limits
         speed, turn = min(limits.speed_m_s, 1.5), min(limits.yaw_rate_rad_s, 2.5)
         self._sticks = {
-            "vx": gui.add_slider("ahead, m/s", -speed, speed, 0.05, 0.0, hint="keys W and S"),
-            "vy": gui.add_slider("left, m/s", -speed, speed, 0.05, 0.0, hint="keys A and D"),
-            "turn": gui.add_slider("turn left, rad/s", -turn, turn, 0.05, 0.0, hint="keys Q and E"),
+            "vx": gui.add_slider("ahead, m/s", -speed, speed, 0.05, 0.0, hint="keys I and K"),
+            "vy": gui.add_slider("left, m/s", -speed, speed, 0.05, 0.0, hint="keys J and L"),
+            "turn": gui.add_slider("turn left, rad/s", -turn, turn, 0.05, 0.0, hint="keys U and O"),
         }
         pose = round(0.2 * self._height, 2)
         self._pose = {

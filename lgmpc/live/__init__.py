@@ -9,3 +9,7 @@ what the user asks for (:mod:`lgmpc.live.wishes`). The loop never waits for the 
 
 Nothing is imported here: the page is open before the rest is loaded.
 """
+
+from __future__ import annotations
+
+__all__: list[str] = []

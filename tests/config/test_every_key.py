@@ -148,7 +148,7 @@ SOLO = {
             "locomotion.terrain.map.noise_m=0.001",
             "duration_s=0.8",
         ],
-        ("locomotion.terrain.map.[!k]*", "locomotion.terrain.edge_margin_m"),
+        ("locomotion.terrain.map.[!kd]*", "locomotion.terrain.edge_margin_m"),
     ),
     "seen map": Scene(
         "solo12_stones",

@@ -16,7 +16,7 @@ def config() -> Config:
     return load_config("solo12_velocity", ["commands=[]", "after_fall_s=null", "duration_s=2.0"])
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # a second one cannot be started while it runs
 def browser() -> Iterator[Any]:
     with headless_chromium() as browser:
         yield browser

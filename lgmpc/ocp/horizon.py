@@ -208,7 +208,7 @@ def _pipeline(name: str, action: Action, symbols: Mapping[str, Any], outputs: Ma
     entries = {key: tuple(place(e) for e in ca.vertsplit(ca.vec(v))) for key, v in outputs.items()}
     steps = action.expansion.steps
     if numbers:
-        constants = ca.Function(f"{name}_numbers", [], [ca.SX(ca.DM(numbers))])
+        constants = ca.Function(f"numbers_{len(numbers)}", [], [ca.SX(ca.DM(numbers))])
         steps = (*steps, PipelineStep(constants, (), ("numbers",)))
     inputs = {"x": action.state.nx, "u": action.nu, "x_next": action.state.nx, "p": action.parameters.size}
     return Pipeline(name, inputs, steps, entries)

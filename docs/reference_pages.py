@@ -134,7 +134,7 @@ def package_page(package: str, guide: str) -> str:
     if guide:
         text += f"Guide: :doc:`{guide}`.\n\n"
     own = [name for name in module.__all__ if home_of(name, getattr(module, name), package) == package]
-    text += ".. list-table::\n   :widths: 30 70\n\n"
+    text += ".. list-table::\n   :widths: 30 70\n\n" if own else ""
     text += (
         "".join(f"   * - :obj:`{name} <{package}.{name}>`\n     - {summary_of(package, name)}\n" for name in own) + "\n"
     )

@@ -3,7 +3,7 @@
 Anything with the three methods of :class:`ElevationMap` serves, such as the bridge to a mapping system of one's own::
 
     class MyMap:
-        def update(self, time, pose): ...  # called some 100 times a second with the base's pose
+        def update(self, time, pose): ...  # called some 200 times a second with the base's pose
         def height(self, points): ...  # NaN where nothing is known
         def steppable(self, points, radius): ...  # lgmpc.locomotion.even(self.height, points, radius, 0.01) will do
 

@@ -68,7 +68,7 @@ class SimulatedTrot:
                 ekf.begin_contact(int(foot), self.measured[k, foot], covariances[foot])
             yield k
 
-    def normalised_error(self, ekf: InvariantEkf, k: int, landmarks: Array | None = None) -> tuple[float, int]:
+    def normalised_error(self, ekf: InvariantEkf, k: int) -> tuple[float, int]:
         """Return the normalised squared error of a filter at instant k, and its degrees of freedom.
 
         For a consistent filter it is chi-square distributed (NEES; Bar-Shalom et al. 2001).
@@ -76,12 +76,10 @@ class SimulatedTrot:
         Args:
             ekf: for four feet.
             k: the instant, 0 to n.
-            landmarks: (m, 3) true positions of the filter's landmarks, world axes, m; none unless given.
         """
-        points = self.points[k] if landmarks is None else np.concatenate([self.points[k], landmarks])
-        truth = np.eye(5 + len(points))
-        truth[:5, :5], truth[:3, 5:] = self.poses[k], points.T
-        used = np.repeat([True, *ekf.touching, *ekf.mapped, True], [9, *[3] * len(points), 6])
+        truth = np.eye(9)
+        truth[:5, :5], truth[:3, 5:] = self.poses[k], self.points[k].T
+        used = np.repeat([True, *ekf.touching, True], [9, 3, 3, 3, 3, 6])
         error = ekf.error(truth, self.biases[k])[used]
         return float(error @ np.linalg.solve(ekf.covariance[np.ix_(used, used)], error)), len(error)
 

@@ -41,7 +41,7 @@ def calls(robot: Robot) -> Iterator[tuple[Callable[..., Any], dict[str, Any]]]:
     yield ContactDetector, {"feet": 4, "touch_force": 3.0, "release_force": 1.0}
     yield (
         InvariantEkf,
-        {"contacts": 1, "landmarks": 0, "slip": 0.01, "contact_offset": ZERO, "outlier_probability": 0.1},
+        {"contacts": 1, "slip": 0.01, "contact_offset": ZERO, "outlier_probability": 0.1},
     )
     yield Preintegration, {"noise": ImuNoise(), "gyro_bias": ZERO, "accelerometer_bias": ZERO}
     yield exponential_increment, {"gyro": ZERO, "accelerometer": ZERO, "duration": 0.1}

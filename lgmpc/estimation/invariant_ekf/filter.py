@@ -20,7 +20,6 @@ from lgmpc.estimation.invariant_ekf.programme import (
     correction,
     height_correction,
     known_landmark_correction,
-    landmark_correction,
     prediction,
 )
 from lgmpc.lie import checks
@@ -30,27 +29,24 @@ __all__ = ["InvariantEkf", "chi_square_bound"]
 
 
 class InvariantEkf:
-    r"""Base motion, contact points, landmarks and IMU biases from an IMU, leg kinematics and a camera.
+    r"""Base motion, contact points and IMU biases from an IMU, leg kinematics and landmarks of known position.
 
-    The state is an extended pose in SE_{2+k+m}(3), columns velocity, position, k contact points and m landmarks (world
-    axes), with a gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020).
+    The state is an extended pose in SE_{2+k}(3), columns velocity, position and k contact points (world axes), with a
+    gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020).
     Prediction is exact for body rates that are constant over a sample; without noise and biases, so are the error
     dynamics of both invariant forms, for errors of any size. Contact points are at rest
-    except for slip, a white velocity noise, and the rolling of spherical feet. Landmarks are at rest; a camera or
-    another sensor measures their positions relative to the base.
+    except for slip, a white velocity noise, and the rolling of spherical feet.
 
-    Position and yaw are not observable from feet and landmarks of unknown position, which are mapped as the base moves:
-    they drift, and the right-invariant form adds no false information about them (Barrau and Bonnabel, "An EKF-SLAM
-    algorithm with consistency properties", 2015): a shift or turn of the world is the same error at any estimate. The
-    left-invariant form and the quaternion filter gain some by every correction. Landmarks of known position make both
-    observable.
+    Position and yaw are not observable from feet: they drift, and the right-invariant form adds no false information
+    about them: a shift or turn of the world is the same error at any estimate. The left-invariant form and the
+    quaternion filter gain some by every correction. Landmarks of known position, measured relative to the base by a
+    camera or another sensor, make both observable.
 
-    All memory is allocated once: contacts and landmarks are added and removed by flags, and no array changes its size.
+    All memory is allocated once: contacts are added and removed by flags, and no array changes its size.
 
     Args:
         contacts: k, number of feet.
         noise: densities of the IMU's noise.
-        landmarks: m, largest number of landmarks of unknown position.
         slip: density of the contact points' velocity noise, m/s/sqrt(Hz).
         gravity: (3,) world axes, m/s2.
         contact_offset: (3,) from a contact point to the frame that the kinematics measure, world axes, m: (0, 0, r) for
@@ -66,24 +62,20 @@ class InvariantEkf:
         contact_offset: as given, to be written to where surfaces tilt.
         form: as given.
         contacts: as given.
-        landmarks: as given.
         touching: (k,) which feet are in contact; read-only.
         innovations_squared: (k,) normalised innovation squared of each foot at the last :meth:`correct`, against the
             predicted state; chi-square distributed with three degrees of freedom if the errors are as assumed, 0 of
             feet that are not in contact; read-only.
         rejected: (k,) which feet did not correct the estimate then, because theirs is an outlier; read-only.
-        mapped: (m,) which landmarks are part of the state; read-only.
-        pose: (5 + k + m, 5 + k + m) estimate, zero columns for open contacts and landmarks that are not mapped; a live
-            view, read-only as all that follow.
+        pose: (5 + k, 5 + k) estimate, zero columns for open contacts; a live view, read-only as all that follow.
         rotation: (3, 3) base to world.
         velocity: (3,) of the base's origin, world axes, m/s.
         position: (3,) m.
         points: (3, k) contact points, world axes, m.
-        landmark_positions: (3, m) world axes, m.
         gyro_bias: (3,) rad/s.
         accelerometer_bias: (3,) m/s2.
-        covariance: (15 + 3k + 3m, 15 + 3k + 3m) of the form's error: rotation, velocity, position, contact points,
-            landmarks, gyro bias, accelerometer bias; zero rows for points that are not in use.
+        covariance: (15 + 3k, 15 + 3k) of the form's error: rotation, velocity, position, contact points, gyro bias,
+            accelerometer bias; zero rows for open contacts.
 
     Raises:
         InputError: an argument that is not valid.
@@ -94,7 +86,6 @@ class InvariantEkf:
         contacts: int,
         noise: ImuNoise | None = None,
         *,
-        landmarks: int = 0,
         slip: float = 1e-2,
         gravity: Array | tuple[float, float, float] = (0.0, 0.0, -GRAVITY),
         contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -103,23 +94,21 @@ class InvariantEkf:
         progress: Callable[[str], None] | None = None,
     ) -> None:
         contacts = whole("contacts", contacts, "at least one foot", 1)
-        landmarks = whole("landmarks", landmarks, "a number that is not negative")
         number("slip", slip, "a density that is not negative", 0.0)
         noise = ImuNoise() if noise is None else noise
         instance("noise", noise, ImuNoise)
         if not hasattr(form, "from_differences"):
             raise InputError("form", type(form).__name__, "RIGHT, LEFT or MULTIPLICATIVE")
-        self.form, self.contacts, self.landmarks, self._progress = form, contacts, landmarks, progress
-        used = contacts + landmarks
-        columns, size = 5 + used, 15 + 3 * used
+        self.form, self.contacts, self._progress = form, contacts, progress
+        columns, size = 5 + contacts, 15 + 3 * contacts
         self._state, self._scratch = (np.zeros(columns**2 + 6 + size**2) for _ in range(2))
         state, following = (_split_state(memory, columns, size) for memory in (self._state, self._scratch))
         self._pose, self._bias, self._covariance = state
         self._sample, self._rolling = np.zeros(6), np.zeros((contacts, 3))
         self._measured, self._spread = np.zeros((contacts, 3)), np.zeros((contacts, 3, 3))
         self._gate, self._squares = np.array([chi_square_bound(outlier_probability)]), np.zeros(contacts)
-        self._flags, self._selected = np.zeros(contacts), np.zeros(used)
-        self._used = np.zeros(used, dtype=np.bool_)
+        self._flags, self._selected = np.zeros(contacts), np.zeros(contacts)
+        self._used = np.zeros(contacts, dtype=np.bool_)
         self._one_point, self._one_noise, self._known = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
         self._height = np.zeros(2)
         offset = three("contact_offset", contact_offset)
@@ -132,7 +121,7 @@ class InvariantEkf:
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}
         self._after = {"pose_next": _column_major(following[0]), "covariance_next": following[2].ravel()}
-        self._predict = StageKernel.of(prediction, form, contacts, landmarks, progress=progress).bind(
+        self._predict = StageKernel.of(prediction, form, contacts, progress=progress).bind(
             1,
             **self._before,
             **self._after,
@@ -141,7 +130,7 @@ class InvariantEkf:
             contact=self._flags,
             parameters=self._parameters,
         )
-        self._correct = StageKernel.of(correction, form, contacts, landmarks, progress=progress).bind(
+        self._correct = StageKernel.of(correction, form, contacts, progress=progress).bind(
             1,
             **self._before,
             **self._after,
@@ -153,8 +142,7 @@ class InvariantEkf:
             gate=self._gate,
             squares=self._squares,
         )
-        self._new_offset = np.zeros(3)
-        self._augment = StageKernel.of(augmentation, form, used, progress=progress).bind(
+        self._augment = StageKernel.of(augmentation, form, contacts, progress=progress).bind(
             1,
             pose=self._before["pose"],
             covariance=self._before["covariance"],
@@ -162,17 +150,17 @@ class InvariantEkf:
             measured=self._one_point,
             noise=self._one_noise.ravel(),
             selected=self._selected,
-            offset=self._new_offset,
+            offset=self._parameters[4:7],
         )
         self._next_bias = following[1]
         self._rejected = np.zeros(contacts, dtype=np.bool_)
         self.innovations_squared, self.rejected = read_only(self._squares), self._rejected.view()
         self.rejected.flags.writeable = False
-        self.touching, self.mapped = self._used[:contacts].view(), self._used[contacts:].view()
-        self.touching.flags.writeable = self.mapped.flags.writeable = False
+        self.touching = self._used.view()
+        self.touching.flags.writeable = False
         self.pose = read_only(self._pose)
         self.rotation, self.velocity, self.position = self.pose[:3, :3], self.pose[:3, 3], self.pose[:3, 4]
-        self.points, self.landmark_positions = self.pose[:3, 5 : 5 + contacts], self.pose[:3, 5 + contacts :]
+        self.points = self.pose[:3, 5:]
         self.gyro_bias, self.accelerometer_bias = (read_only(self._bias[part]) for part in (slice(3), slice(3, 6)))
         self.covariance = read_only(self._covariance)
         self.reset(np.eye(5), np.zeros(15))
@@ -184,7 +172,7 @@ class InvariantEkf:
         gyro_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         accelerometer_bias: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Set the state, with no foot in contact and no landmark mapped.
+        """Set the state, with no foot in contact.
 
         Args:
             pose: (5, 5) rotation, velocity, position.
@@ -247,7 +235,13 @@ class InvariantEkf:
             InputError: no such foot, or arrays that are not finite or of another shape.
         """
         index_of("foot", foot, self.contacts)
-        self._add(foot, measured, covariance, self._parameters[4:7])
+        self._write_one(measured, covariance)
+        self._selected[:] = 0.0
+        self._selected[foot] = 1.0
+        self._next_bias[:] = self._bias
+        self._augment()
+        self._state[:] = self._scratch
+        self._used[foot] = True
         self._flags[foot] = 1.0
 
     def end_contact(self, foot: int) -> None:
@@ -257,7 +251,10 @@ class InvariantEkf:
             InputError: no such foot.
         """
         index_of("foot", foot, self.contacts)
-        self._marginalise(foot)
+        rows = slice(9 + 3 * foot, 12 + 3 * foot)
+        self._pose[:3, 5 + foot] = 0.0
+        self._covariance[rows], self._covariance[:, rows] = 0.0, 0.0
+        self._used[foot] = False
         self._flags[foot] = 0.0
 
     def correct_height(self, foot: int, height: float, deviation: float) -> None:
@@ -282,29 +279,6 @@ class InvariantEkf:
         self._height_correction()
         self._state[:] = self._scratch
 
-    def add_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
-        """Add a landmark of unknown position to the state, at its measured position.
-
-        Args:
-            landmark: index, 0 to m - 1; one that is mapped is replaced.
-            measured: (3,) from the base to the landmark, body axes, m.
-            covariance: (3, 3) of ``measured``, m2.
-
-        Raises:
-            InputError: no such landmark, or arrays that are not finite or of another shape.
-        """
-        index_of("landmark", landmark, self.landmarks)
-        self._add(self.contacts + landmark, measured, covariance, np.zeros(3))
-
-    def remove_landmark(self, landmark: int) -> None:
-        """Marginalise a landmark, whose index can be used again.
-
-        Raises:
-            InputError: no such landmark.
-        """
-        index_of("landmark", landmark, self.landmarks)
-        self._marginalise(self.contacts + landmark)
-
     def correct(self, measured: Array, covariances: Array) -> None:
         """Correct the estimate with the positions of the feet in contact; those of the others are not used.
 
@@ -319,26 +293,6 @@ class InvariantEkf:
         write("covariances", covariances, self._spread)
         self._correct()
         np.greater(self._squares, self._gate, out=self._rejected)
-        self._state[:] = self._scratch
-
-    def correct_landmark(self, landmark: int, measured: Array, covariance: Array) -> None:
-        """Correct the estimate with the position of a mapped landmark.
-
-        Args:
-            landmark: index, 0 to m - 1.
-            measured: (3,) from the base to the landmark, body axes, m.
-            covariance: (3, 3) of ``measured``, m2; positive definite.
-
-        Raises:
-            InputError: no such landmark, one that is not mapped, or arrays that are not finite or of another shape.
-        """
-        index_of("landmark", landmark, self.landmarks)
-        if not self.mapped[landmark]:
-            raise InputError("landmark", landmark, "one that is mapped (add_landmark first)")
-        self._write_one(measured, covariance)
-        self._selected[:] = 0.0
-        self._selected[self.contacts + landmark] = 1.0
-        self._landmark_correction()
         self._state[:] = self._scratch
 
     def correct_known_landmark(self, position: Array, measured: Array, covariance: Array) -> None:
@@ -358,10 +312,10 @@ class InvariantEkf:
         self._state[:] = self._scratch
 
     def error(self, pose: Array, biases: Array) -> Array:
-        """Return (15 + 3k + 3m,) the error of the estimate, whose covariance is :attr:`covariance`.
+        """Return (15 + 3k,) the error of the estimate, whose covariance is :attr:`covariance`.
 
         Args:
-            pose: (5 + k + m, 5 + k + m) true pose, with the true points of the feet in contact and mapped landmarks.
+            pose: (5 + k, 5 + k) true pose, with the true points of the feet in contact.
             biases: (6,) true biases, gyro first.
 
         Raises:
@@ -377,55 +331,26 @@ class InvariantEkf:
         error = np.array(ca.DM(self.form.error(ca.DM(self.pose), ca.DM(truth)))).ravel()
         return np.concatenate([error, self._bias - biases])
 
-    def _add(self, point: int, measured: Array, covariance: Array, offset: Array) -> None:
-        self._write_one(measured, covariance)
-        self._new_offset[:] = offset
-        self._selected[:] = 0.0
-        self._selected[point] = 1.0
-        self._next_bias[:] = self._bias
-        self._augment()
-        self._state[:] = self._scratch
-        self._used[point] = True
-
-    def _marginalise(self, point: int) -> None:
-        rows = slice(9 + 3 * point, 12 + 3 * point)
-        self._pose[:3, 5 + point] = 0.0
-        self._covariance[rows], self._covariance[:, rows] = 0.0, 0.0
-        self._used[point] = False
-
     def _write_one(self, measured: Array, covariance: Array) -> None:
         write("measured", measured, self._one_point)
         write("covariance", covariance, self._one_noise)
 
     @functools.cached_property
-    def _landmark_correction(self) -> Callable[[], int]:
-        kernel = StageKernel.of(landmark_correction, self.form, self.contacts, self.landmarks, progress=self._progress)
-        return self._bind_one(kernel, selected=self._selected[self.contacts :])
-
-    @functools.cached_property
     def _known_landmark_correction(self) -> Callable[[], int]:
-        points = self.contacts + self.landmarks
-        kernel = StageKernel.of(known_landmark_correction, self.form, points, progress=self._progress)
-        return self._bind_one(kernel, landmark=self._known)
+        inputs = {"measured": self._one_point, "noise": self._one_noise.ravel(), "landmark": self._known}
+        return self._bind_correction(known_landmark_correction, inputs)
 
     @functools.cached_property
     def _height_correction(self) -> Callable[[], int]:
-        points = self.contacts + self.landmarks
-        kernel = StageKernel.of(height_correction, self.form, points, progress=self._progress)
         inputs = {"selected": self._selected, "up": self._up, "height": self._height}
-        return kernel.bind(1, **self._before, **self._after, bias_next=self._next_bias, **inputs)
+        return self._bind_correction(height_correction, inputs)
 
-    def _bind_one(self, kernel: StageKernel, **inputs: Array) -> Callable[[], int]:
-        """Connect a correction with one measured position to the filter's memory."""
-        return kernel.bind(
-            1,
-            **self._before,
-            **self._after,
-            bias_next=self._next_bias,
-            measured=self._one_point,
-            noise=self._one_noise.ravel(),
-            **inputs,
-        )
+    def _bind_correction(
+        self, function: Callable[[ErrorForm, int], ca.Function], inputs: dict[str, Array]
+    ) -> Callable[[], int]:
+        """Connect a correction to the filter's memory."""
+        kernel = StageKernel.of(function, self.form, self.contacts, progress=self._progress)
+        return kernel.bind(1, **self._before, **self._after, bias_next=self._next_bias, **inputs)
 
 
 def chi_square_bound(probability: float) -> float:

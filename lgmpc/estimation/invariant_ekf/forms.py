@@ -13,8 +13,7 @@ multiplicative ``R_est = R_true exp(xi)``, else difference  of both             
 
 Both invariant forms: Barrau and Bonnabel (IEEE TAC 2017), with contacts Hartley et al. (IJRR 2020). The multiplicative
 one is the standard "quaternion" error-state filter (Bloesch et al., RSS 2012), for comparison.
-All expressions are CasADi's; poses are in SE_{2+k}(3), columns velocity, position and k points: contacts, then
-landmarks.
+All expressions are CasADi's; poses are in SE_{2+k}(3), columns velocity, position and k points of contact.
 """
 
 from __future__ import annotations

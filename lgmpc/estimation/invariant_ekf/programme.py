@@ -1,8 +1,7 @@
 """The steps of the filter as CasADi functions: prediction, a new point, corrections; for any form of error.
 
 Fixed sizes: a point that is not in use has a column of zeros, rows and columns of zeros in the covariance, and no gain.
-The covariance's order is rotation, velocity, position, contact points, landmarks, gyro bias, accelerometer bias; m
-landmarks follow the contacts, p points are both.
+The covariance's order is rotation, velocity, position, contact points, gyro bias, accelerometer bias.
 """
 
 from __future__ import annotations
@@ -20,14 +19,13 @@ __all__ = [
     "correction",
     "height_correction",
     "known_landmark_correction",
-    "landmark_correction",
     "prediction",
 ]
 
 _CORRECTED = ["pose_next", "bias_next", "covariance_next"]
 
 
-def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Function:
+def prediction(form: ErrorForm, contacts: int) -> ca.Function:
     """Return one step under an IMU sample that is constant over it, exact for mean and covariance.
 
     Inputs: ``pose``, ``bias`` (6,) gyro first, ``covariance``, ``sample`` (6,) gyro and accelerometer, ``rolling``
@@ -38,8 +36,8 @@ def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     A spherical foot rolls: its contact point moves with ``omega_foot x offset``. That motion is treated as known; its
     dependence on attitude and bias (16 mm times a small angle on Solo12) is part of the slip noise.
     """
-    pose, bias, covariance = _state(contacts + landmarks)
-    size, sample = 9 + 3 * (contacts + landmarks), ca.SX.sym("sample", 6)
+    pose, bias, covariance = _state(contacts)
+    size, sample = 9 + 3 * contacts, ca.SX.sym("sample", 6)
     rolling, contact = ca.SX.sym("rolling", 3, contacts), ca.SX.sym("contact", contacts)
     parameters = ca.SX.sym("parameters", 12)
     duration, gravity, offset = parameters[0], parameters[1:4], parameters[4:7]
@@ -48,14 +46,14 @@ def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     before = _assume_group(pose)
     rates = before[:3, :3] @ (ca.repmat(sample[:3] - bias[:3], 1, contacts) + rolling)
     rolled = [contact[i] * duration * ca.cross(rates[:, i], offset) for i in range(contacts)]
-    motion = _motion(before, sample - bias, gravity, duration, ca.horzcat(*rolled, ca.SX(3, landmarks)))
+    motion = _motion(before, sample - bias, gravity, duration, ca.horzcat(*rolled))
     transition, entering = form.transition(motion), form.disturbance(motion)
     pose_block, bias_block = covariance[:size, :size], covariance[size:, size:]
     cross = transition @ covariance[:size, size:]
     noise = ca.diag(ca.vertcat(*[density["gyro"]] * 3, *[density["force"]] * 3)) / duration
     half = 0.5 * entering @ (bias_block + noise) - cross
     mixed = half @ entering.T
-    moving = ca.vertcat(ca.SX(9, 1), ca.kron(contact, ca.SX.ones(3)), ca.SX(3 * landmarks, 1))
+    moving = ca.vertcat(ca.SX(9, 1), ca.kron(contact, ca.SX.ones(3)))
     slip = moving * density["slip"] * duration
     walk = ca.vertcat(*[density["gyro_walk"]] * 3, *[density["force_walk"]] * 3) * duration
     corner = cross - entering @ bias_block
@@ -65,7 +63,7 @@ def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     )
     names = ["pose", "bias", "covariance", "sample", "rolling", "contact", "parameters"]
     return ca.Function(
-        f"inekf_predict_{form.name}_{contacts}_{landmarks}",
+        f"inekf_predict_{form.name}_{contacts}",
         [pose, bias, covariance, sample, rolling, contact, parameters],
         [motion.after, _symmetric(moved)],
         names,
@@ -73,15 +71,16 @@ def prediction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     )
 
 
-def augmentation(form: ErrorForm, points: int) -> ca.Function:
-    """Return the state with one more point, a contact or a landmark, at its measured position.
+def augmentation(form: ErrorForm, contacts: int) -> ca.Function:
+    """Return the state with one more contact point, at its measured position.
 
     Inputs: ``pose``, ``covariance``, ``measured`` (3,) base to the measured frame, body axes, ``noise`` (3, 3) its
-    covariance, ``selected`` (p,) 1 for the new point, ``offset`` (3,) from the point to the measured frame, world axes.
+    covariance, ``selected`` (contacts,) 1 for the new point, ``offset`` (3,) from the point to the measured frame,
+    world axes.
     """
-    pose, _, covariance = _state(points)
+    pose, _, covariance = _state(contacts)
     measured, noise = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3)
-    selected, offset = ca.SX.sym("selected", points), ca.SX.sym("offset", 3)
+    selected, offset = ca.SX.sym("selected", contacts), ca.SX.sym("offset", 3)
     before = _assume_group(pose)
     point = before[:3, :3] @ measured + before[:3, 4] - offset
     observation = form.observe(_with_point(before, point), 0, measured, offset)
@@ -91,14 +90,14 @@ def augmentation(form: ErrorForm, points: int) -> ca.Function:
     cross = back @ observation.matrix[:, :9] @ covariance[:9, :]
     own = cross[:, :9] @ (back @ observation.matrix[:, :9]).T + axes @ noise @ axes.T
     after, moved = ca.SX(before), ca.SX(covariance)
-    for i in range(points):
+    for i in range(contacts):
         rows = slice(9 + 3 * i, 12 + 3 * i)
         moved[rows, :] = ca.if_else(selected[i], cross, moved[rows, :])
         moved[:, rows] = ca.if_else(selected[i], cross.T, moved[:, rows])
         moved[rows, rows] = ca.if_else(selected[i], own, covariance[rows, rows])
         after[:3, 5 + i] = ca.if_else(selected[i], point, before[:3, 5 + i])
     return ca.Function(
-        f"inekf_augment_{form.name}_{points}",
+        f"inekf_augment_{form.name}_{contacts}",
         [pose, covariance, measured, noise, selected, offset],
         [after, _symmetric(moved)],
         ["pose", "covariance", "measured", "noise", "selected", "offset"],
@@ -106,7 +105,7 @@ def augmentation(form: ErrorForm, points: int) -> ca.Function:
     )
 
 
-def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Function:
+def correction(form: ErrorForm, contacts: int) -> ca.Function:
     """Return the Kalman update with the positions of all feet in contact (Hartley et al. 2020).
 
     Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3, contacts) base to contact frames, body axes, ``noise``
@@ -119,8 +118,8 @@ def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     their noises are independent; ``V V^T`` with ``V = P H^T L^-T`` and ``L L^T = H P H^T + N`` keeps the covariance
     symmetric.
     """
-    pose, bias, covariance = _state(contacts + landmarks)
-    size = 9 + 3 * (contacts + landmarks)
+    pose, bias, covariance = _state(contacts)
+    size = 9 + 3 * contacts
     measured, noise = ca.SX.sym("measured", 3, contacts), ca.SX.sym("noise", 3, 3 * contacts)
     contact, offset, gate = ca.SX.sym("contact", contacts), ca.SX.sym("offset", 3), ca.SX.sym("gate")
     before, error, moved = _assume_group(pose), ca.SX.zeros(size + 6), covariance
@@ -140,7 +139,7 @@ def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
         error += scaled @ surprise
         moved = _symmetric(moved - scaled @ scaled.T)
     return ca.Function(
-        f"inekf_correct_{form.name}_{contacts}_{landmarks}",
+        f"inekf_correct_{form.name}_{contacts}",
         [pose, bias, covariance, measured, noise, contact, offset, gate],
         ca.cse([*_corrected(form, before, bias, error), moved, ca.vertcat(*squares)]),
         ["pose", "bias", "covariance", "measured", "noise", "contact", "offset", "gate"],
@@ -148,33 +147,7 @@ def correction(form: ErrorForm, contacts: int, landmarks: int = 0) -> ca.Functio
     )
 
 
-def landmark_correction(form: ErrorForm, contacts: int, landmarks: int) -> ca.Function:
-    """Return the Kalman update with the measured position of a landmark that is part of the state.
-
-    Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3,) base to landmark, body axes, ``noise`` (3, 3) its
-    covariance, ``selected`` (landmarks,) 1 for the landmark.
-    """
-    pose, bias, covariance = _state(contacts + landmarks)
-    measured, noise = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3)
-    selected = ca.SX.sym("selected", landmarks)
-    before = _assume_group(pose)
-    observation = form.observe(_with_point(before, before[:3, 5 + contacts :] @ selected), 0, measured, ca.SX(3, 1))
-    rows = [slice(9 + 3 * i, 12 + 3 * i) for i in range(contacts, contacts + landmarks)]
-    cross = sum((selected[i] * covariance[:, part] for i, part in enumerate(rows)), ca.SX(*covariance[:, :3].shape))
-    own = sum((selected[i] * cross[part, :] for i, part in enumerate(rows)), ca.SX(3, 3))
-    base, point = observation.matrix[:, :9], observation.matrix[:, 9:]
-    gain = covariance[:, :9] @ base.T + cross @ point.T
-    spread = base @ gain[:9, :] + point @ (cross[:9, :].T @ base.T + own @ point.T)
-    return ca.Function(
-        f"inekf_correct_landmark_{form.name}_{contacts}_{landmarks}",
-        [pose, bias, covariance, measured, noise, selected],
-        _update(form, (before, bias, covariance), observation, noise, gain, spread),
-        ["pose", "bias", "covariance", "measured", "noise", "selected"],
-        _CORRECTED,
-    )
-
-
-def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
+def known_landmark_correction(form: ErrorForm, contacts: int) -> ca.Function:
     """Return the Kalman update with the measured position of a landmark of known position in the world.
 
     Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3,) base to landmark, body axes, ``noise`` (3, 3) its
@@ -183,7 +156,7 @@ def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
     The landmark is observed like a point of the state. Its plain difference from the truth is zero, but not its error
     in every form: the right-invariant one depends on the attitude's error about the world's origin.
     """
-    pose, bias, covariance = _state(points)
+    pose, bias, covariance = _state(contacts)
     measured, noise, landmark = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3), ca.SX.sym("landmark", 3)
     before = _assume_group(pose)
     placed = _with_point(before, landmark)
@@ -192,7 +165,7 @@ def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
     matrix[:, :3] += observation.matrix[:, 9:] @ change[9:, :3] @ change[:3, :3].T
     gain = covariance[:, :9] @ matrix.T
     return ca.Function(
-        f"inekf_correct_known_landmark_{form.name}_{points}",
+        f"inekf_correct_known_landmark_{form.name}_{contacts}",
         [pose, bias, covariance, measured, noise, landmark],
         _update(form, (before, bias, covariance), observation, noise, gain, matrix @ gain[:9, :]),
         ["pose", "bias", "covariance", "measured", "noise", "landmark"],
@@ -200,21 +173,21 @@ def known_landmark_correction(form: ErrorForm, points: int) -> ca.Function:
     )
 
 
-def height_correction(form: ErrorForm, points: int) -> ca.Function:
+def height_correction(form: ErrorForm, contacts: int) -> ca.Function:
     """Return the Kalman update with the known height of a point that is part of the state.
 
-    Inputs: ``pose``, ``bias``, ``covariance``, ``selected`` (p,) 1 for the point, ``up`` (3,) unit vector against
-    gravity, world axes, ``height`` (2,): the point's coordinate along it, m, and its variance, m2.
+    Inputs: ``pose``, ``bias``, ``covariance``, ``selected`` (contacts,) 1 for the point, ``up`` (3,) unit vector
+    against gravity, world axes, ``height`` (2,): the point's coordinate along it, m, and its variance, m2.
 
     Plain differences ``(d, e)`` of attitude and points result in the errors ``(B d, A d + C e)`` with the blocks of
     :meth:`ErrorForm.from_differences`; the height's difference is ``up . e``, solved for.
     """
-    pose, bias, covariance = _state(points)
-    selected, up, height = ca.SX.sym("selected", points), ca.SX.sym("up", 3), ca.SX.sym("height", 2)
+    pose, bias, covariance = _state(contacts)
+    selected, up, height = ca.SX.sym("selected", contacts), ca.SX.sym("up", 3), ca.SX.sym("height", 2)
     before = _assume_group(pose)
     change = form.from_differences(before)
-    attitude, matrix = change[:3, :3], ca.SX(1, 15 + 3 * points)
-    for i in range(points):
+    attitude, matrix = change[:3, :3], ca.SX(1, 15 + 3 * contacts)
+    for i in range(contacts):
         rows = slice(9 + 3 * i, 12 + 3 * i)
         own = selected[i] * (change[rows, rows] @ up).T
         matrix[:, rows] = own
@@ -223,7 +196,7 @@ def height_correction(form: ErrorForm, points: int) -> ca.Function:
     innovation = ca.dot(up, before[:3, 5:] @ selected) - height[0]
     variance = matrix @ gain + height[1]
     return ca.Function(
-        f"inekf_correct_height_{form.name}_{points}",
+        f"inekf_correct_height_{form.name}_{contacts}",
         [pose, bias, covariance, selected, up, height],
         [
             *_corrected(form, before, bias, gain * innovation / variance),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,17 +9,13 @@ import viser
 from numpy.typing import ArrayLike
 
 from lgmpc.typing import Array, BoolArray
-from lgmpc.viz.mesh import Mesh, Solid, shade
+from lgmpc.viz.mesh import Mesh
 from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["ROOT", "LiveScene", "wxyz"]
 
 ROOT = "/world"
 """Path of all that is drawn. It is moved against the robot's way, so that the camera follows and can be turned."""
-
-_AROUND = 24
-_BOX = np.array([(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 6, 7), (2, 7, 3), (0, 4, 6),
-                 (0, 6, 2), (1, 3, 7), (1, 7, 5)])  # fmt: skip
 
 
 class LiveScene(Scene):
@@ -41,13 +36,12 @@ class LiveScene(Scene):
         self._drawn: set[str] = set()
         self.hidden: set[str] = set()
 
-    def add_mesh(self, path: str, mesh: Mesh | Solid, material: Material) -> None:
+    def add_mesh(self, path: str, mesh: Mesh, material: Material) -> None:
         """Add a geometry at ``path``, unless there is one."""
         if path in self._nodes or material.shadow_only:
             return
-        triangles = mesh if isinstance(mesh, Mesh) else tessellated(mesh)
         self._nodes[path] = self._api.add_mesh_simple(
-            ROOT + path, triangles.positions, triangles.faces, color=_rgb(material.color), opacity=material.opacity,
+            ROOT + path, mesh.positions, mesh.faces, color=_rgb(material.color), opacity=material.opacity,
             side="double" if material.double_sided else "front", cast_shadow=material.opacity == 1.0,
         )  # fmt: skip
 
@@ -114,50 +108,6 @@ class LiveScene(Scene):
             found = self._api.get_handle_by_name(ROOT + path) or self._api.add_frame(ROOT + path, show_axes=False)
             self._nodes[path] = found
         return found
-
-
-def tessellated(solid: Solid) -> Mesh:
-    """Return triangles of a solid of the replay: of a box, or of one that is made by turning a profile."""
-    sizes, matrix = solid.sizes, solid.matrix
-    kind = sizes["type"]
-    if kind == "BoxGeometry":
-        half = 0.5 * np.array([sizes["width"], sizes["height"], sizes["depth"]])
-        vertices = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)]) * half
-        faces = _BOX
-    else:
-        vertices, faces = _turned(_profile(kind, sizes))
-        if kind == "CircleGeometry":  # in its own x-y plane
-            vertices = vertices[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
-    mesh = shade(vertices @ matrix[:3, :3].T + matrix[:3, 3], faces)
-    return mesh
-
-
-def _profile(kind: str, sizes: Mapping[str, Any]) -> Array:
-    """Return (n, 2) radii and heights from the bottom to the top of a solid of revolution about y."""
-    if kind == "CylinderGeometry":
-        half, bottom, top = 0.5 * sizes["height"], sizes["radiusBottom"], sizes["radiusTop"]
-        ends = [(bottom, -half), (top, half)]
-        return np.array(ends if sizes.get("openEnded") else [(0.0, -half), *ends, (0.0, half)])
-    if kind == "SphereGeometry":
-        angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)
-        return float(sizes["radius"]) * np.column_stack([np.cos(angles), np.sin(angles)])
-    if kind == "CircleGeometry":
-        return np.array([(sizes["radius"], 0.0), (0.0, 0.0)])
-    if kind == "LatheGeometry":
-        return np.array([(point["x"], point["y"]) for point in sizes["points"]])
-    raise ValueError(f"no triangles of a {kind}")
-
-
-def _turned(profile: Array) -> tuple[Array, Any]:
-    """Return vertices and triangles of a profile (n, 2) turned about y."""
-    angles = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    radii, heights = profile.T
-    x, z = np.outer(radii, np.cos(angles)), np.outer(radii, np.sin(angles))
-    vertices = np.stack([x, np.broadcast_to(heights[:, None], x.shape), z], axis=-1).reshape(-1, 3)
-    ring, at = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
-    a, b = (ring * _AROUND + at).ravel(), (ring * _AROUND + (at + 1) % _AROUND).ravel()
-    faces = np.concatenate([np.column_stack([a, a + _AROUND, b]), np.column_stack([b, a + _AROUND, b + _AROUND])])
-    return vertices, faces
 
 
 def wxyz(quaternion: Array) -> Array:

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, IntArray
-from lgmpc.viz.mesh import Mesh, Solid, mesh_of, shade, triangles_of
+from lgmpc.viz.mesh import Mesh, mesh_of, shade, triangles_of
 from lgmpc.viz.scene import Material, Scene
 
 __all__ = ["Body", "Part", "load_body"]
@@ -46,7 +46,7 @@ class Part:
 
     joint: int
     name: str
-    mesh: Mesh | Solid
+    mesh: Mesh
     placement: pin.SE3
     material: Material
 
@@ -128,7 +128,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
         return []
     depth = _depths(robot.model)
     plain = len({tuple(np.round(g.meshColor, 3)) for g in visuals.geometryObjects}) == 1
-    meshes: dict[tuple[object, ...], Mesh | Solid | None] = {}
+    meshes: dict[tuple[object, ...], Mesh | None] = {}
     parts = []
     for geometry in visuals.geometryObjects:
         key = (geometry.meshPath or geometry.name, tuple(geometry.meshScale))
@@ -144,7 +144,7 @@ def _visual_parts(robot: Robot) -> list[Part]:
     return parts
 
 
-def _mesh(visual: pin.GeometryObject) -> Mesh | Solid | None:
+def _mesh(visual: pin.GeometryObject) -> Mesh | None:
     """Return the mesh of a visual geometry; ``None`` for a kind that is not drawn."""
     if _is_misread(visual.geometry, visual.meshPath):
         try:

@@ -14,7 +14,7 @@ from lgmpc.lie import quaternion
 from lgmpc.runs import atomic_write
 from lgmpc.typing import Array
 from lgmpc.viz.figure_files import INK, PALETTE, SOFT, figure_maker
-from lgmpc.viz.mesh import Solid, box, cone, cylinder, ellipsoid
+from lgmpc.viz.mesh import Mesh, box, cone, cylinder, ellipsoid
 from lgmpc.viz.page import page_of, time_line
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
@@ -172,7 +172,7 @@ def _add_body(scene: Scene, body: Body, times: Array, lift: Array) -> None:
     scene.animate(path, times - times[0], position=body.positions + lift, quaternion=turns)
 
 
-def _mesh(shape: Shape) -> Solid:
+def _mesh(shape: Shape) -> Mesh:
     size = np.asarray(shape.size, dtype=np.float64)
     if shape.kind == "box":
         return box(0.5 * size)

@@ -1,20 +1,20 @@
-"""Geometries of a scene: solids that the viewer builds, and triangle meshes, shaded with sharp creases."""
+"""Triangle meshes of a scene, shaded with sharp creases."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lgmpc.typing import Array, IntArray
 
 __all__ = [
     "Mesh",
-    "Solid",
     "box",
     "cone",
     "cylinder",
@@ -31,22 +31,10 @@ __all__ = [
 CREASE_DEG = 35.0
 """The edge between faces at a larger angle, degrees, is drawn sharp."""
 
-_SEGMENTS, _SMOOTH_SEGMENTS = 24, 48
-
-
-@dataclass(frozen=True)
-class Solid:
-    """A geometry of three.js.
-
-    Attributes:
-        sizes: its JSON: type and sizes.
-        matrix: (4, 4) its placement: cylinders of three.js lie along y, with their middles at the origin.
-        positions: (n, 3) points whose hull contains it, m; none where they are not needed.
-    """
-
-    sizes: Mapping[str, Any]
-    matrix: Array = field(default_factory=lambda: np.eye(4))
-    positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
+_AROUND, _SMOOTH_AROUND = 24, 48
+_ARC = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)
+_BOX = np.array([(0, 2, 3), (0, 3, 1), (4, 5, 7), (4, 7, 6), (0, 1, 5), (0, 5, 4), (2, 6, 7), (2, 7, 3), (0, 4, 6),
+                 (0, 6, 2), (1, 3, 7), (1, 7, 5)])  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -119,71 +107,80 @@ def shade(vertices: Array, triangles: IntArray) -> Mesh:
     )
 
 
-def cylinder(radius: float, bottom: float, top: float) -> Solid:
+@lru_cache(maxsize=256)  # a scene stores what several objects share once
+def cylinder(radius: float, bottom: float, top: float) -> Mesh:
     """Return a closed cylinder about z."""
-    return _turned("CylinderGeometry", bottom, top, radiusTop=radius, radiusBottom=radius)
+    return _turned([(0.0, bottom), (radius, bottom), (radius, top), (0.0, top)])
 
 
-def cone(radius: float, bottom: float, top: float) -> Solid:
+@lru_cache(maxsize=256)
+def cone(radius: float, bottom: float, top: float) -> Mesh:
     """Return a closed cone about z with its base at ``bottom`` and its apex at ``top``."""
-    return _turned("CylinderGeometry", bottom, top, radiusTop=0.0, radiusBottom=radius)
+    return _turned([(0.0, bottom), (radius, bottom), (0.0, top)])
 
 
-def funnel(radius: float, height: float) -> Solid:
+@lru_cache(maxsize=256)
+def funnel(radius: float, height: float) -> Mesh:
     """Return an open cone about z with its apex at the origin."""
-    sizes = {"radiusTop": radius, "radiusBottom": 0.0, "openEnded": True, "radialSegments": _SMOOTH_SEGMENTS}
-    return _turned("CylinderGeometry", 0.0, height, **sizes)
+    return _turned([(0.0, 0.0), (radius, height)], _SMOOTH_AROUND)
 
 
-def disc(radius: float) -> Solid:
+@lru_cache(maxsize=256)
+def disc(radius: float) -> Mesh:
     """Return a disc in the x-y plane, visible from above."""
-    return Solid({"type": "CircleGeometry", "radius": radius, "segments": _SMOOTH_SEGMENTS})
+    return _turned([(radius, 0.0), (0.0, 0.0)], _SMOOTH_AROUND)
 
 
-def sphere(radius: float) -> Solid:
+@lru_cache(maxsize=256)
+def sphere(radius: float) -> Mesh:
     """Return a sphere."""
     return ellipsoid(np.full(3, radius))
 
 
-def ellipsoid(semi_axes: Array) -> Solid:
+def ellipsoid(semi_axes: Array) -> Mesh:
     """Return an ellipsoid about the origin with semi-axes (3,) along x, y and z."""
-    sizes = {"type": "SphereGeometry", "radius": 1.0, "widthSegments": _SEGMENTS, "heightSegments": _SEGMENTS // 2}
-    return Solid(sizes, np.diag([*semi_axes, 1.0]))
+    return _turned(np.column_stack((np.cos(_ARC), np.sin(_ARC))), scale=semi_axes)
 
 
-def box(half: Array) -> Solid:
+def box(half: Array) -> Mesh:
     """Return a box about the origin with half sides ``half`` (3,)."""
-    return Solid({"type": "BoxGeometry", **dict(zip(("width", "height", "depth"), (2.0 * half).tolist(), strict=True))})
+    corners = np.array([(x, y, z) for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
+    return shade(corners * half, _BOX)
 
 
-def tube(points: Array, radius: float) -> Solid:
-    """Return an open tube along a smooth line through points (n, 3), consecutive ones apart."""
-    count = 2 * len(points)
-    path = {"type": "CatmullRomCurve3", "points": points.round(5).tolist(), "closed": False, "curveType": "centripetal"}
-    path |= {"arcLengthDivisions": count, "tension": 0.5}
-    return Solid({"type": "TubeGeometry", "path": path, "tubularSegments": count, "radius": radius})
+def tube(points: Array, radius: float) -> Mesh:
+    """Return an open tube of 8 sides along the line through points (n, 3), consecutive ones apart."""
+    way = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))))
+    points = points[np.unique(np.append(np.searchsorted(way, np.arange(0.0, way[-1], radius)), len(points) - 1))]
+    along = np.diff(points, axis=0)
+    along = np.concatenate((along, along[-1:])) / np.linalg.norm(along[[*range(len(along)), -1]], axis=1)[:, None]
+    side, sides = np.eye(3)[np.argmin(np.abs(along[0]))], []
+    for direction in along:  # the sides turn as little as possible
+        side = side - (side @ direction) * direction
+        length = float(np.linalg.norm(side))
+        side = side / length if length > 1e-6 else np.roll(direction, 1)
+        sides.append(side)
+    first, second = np.array(sides), np.cross(along, sides)
+    angles = 2.0 * np.pi * np.arange(8) / 8
+    rings = np.cos(angles)[:, None] * first[:, None] + np.sin(angles)[:, None] * second[:, None]
+    return shade((points[:, None] + radius * rings).reshape(-1, 3), _between(len(points), 8))
 
 
-def mesh_of(geometry: Any) -> Mesh | Solid | None:
+def mesh_of(geometry: Any) -> Mesh | None:
     """Return a coal geometry in its own frame; ``None`` for a kind that is not drawn (plane, ...)."""
     if isinstance(geometry, coal.BVHModelBase):
         return shade(np.array(geometry.vertices(), dtype=np.float64).reshape(-1, 3), triangles_of(geometry))
     if isinstance(geometry, coal.Box):
-        solid = box(np.asarray(geometry.halfSide))
-    elif isinstance(geometry, coal.Sphere):
-        solid = sphere(geometry.radius)
-    elif isinstance(geometry, coal.Cylinder):
-        solid = cylinder(geometry.radius, -geometry.halfLength, geometry.halfLength)
-    elif isinstance(geometry, coal.Capsule):
-        angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 14)
-        radii, heights = np.cos(angles) * geometry.radius, np.sin(angles) * geometry.radius
-        profile = np.column_stack((radii, heights + np.sign(angles) * geometry.halfLength)).tolist()
-        solid = _turned("LatheGeometry", 0.0, 0.0, points=[{"x": x, "y": y} for x, y in profile], segments=_SEGMENTS)
-    else:
-        return None
-    geometry.computeLocalAABB()
-    low, high = geometry.aabb_local.min_, geometry.aabb_local.max_
-    return replace(solid, positions=low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
+        return box(np.asarray(geometry.halfSide))
+    if isinstance(geometry, coal.Sphere):
+        return sphere(geometry.radius)
+    if isinstance(geometry, coal.Cylinder):
+        return cylinder(geometry.radius, -geometry.halfLength, geometry.halfLength)
+    if isinstance(geometry, coal.Capsule):
+        radii, heights = geometry.radius * np.cos(_ARC), geometry.radius * np.sin(_ARC)
+        ends = [np.column_stack((radii, heights + side * geometry.halfLength)) for side in (-1.0, 1.0)]
+        return _turned(np.concatenate((ends[0][:7], ends[1][6:])))
+    return None
 
 
 def triangles_of(geometry: Any) -> IntArray:
@@ -192,8 +189,28 @@ def triangles_of(geometry: Any) -> IntArray:
     return np.array([(t[0], t[1], t[2]) for t in corners], dtype=np.int64).reshape(-1, 3)
 
 
-def _turned(kind: str, bottom: float, top: float, **sizes: Any) -> Solid:
-    """Return a solid of revolution about z, from that of three.js about y."""
-    matrix = np.eye(4)
-    matrix[1:, 1:] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.5 * (bottom + top)], [0.0, 0.0, 1.0]]
-    return Solid({"type": kind, "height": top - bottom, "radialSegments": _SEGMENTS, **sizes}, matrix)
+def _turned(profile: ArrayLike, around: int = _AROUND, scale: ArrayLike = 1.0) -> Mesh:
+    """Return a surface of revolution about z.
+
+    Args:
+        profile: (n, 2) radii and heights, counter-clockwise seen with the axis to the left.
+        around: number of its sides.
+        scale: factors along x, y and z.
+    """
+    radii, heights = np.asarray(profile, dtype=np.float64).T
+    radii = np.where(radii > 1e-9 * radii.max(), radii, 0.0)
+    angles = 2.0 * np.pi * np.arange(around) / around
+    x, y = np.outer(radii, np.cos(angles)), np.outer(radii, np.sin(angles))
+    vertices = np.stack([x, y, np.broadcast_to(heights[:, None], x.shape)], axis=-1).reshape(-1, 3)
+    # A point on the axis is one vertex, so that the surface is smooth there.
+    own = np.where(
+        np.repeat(radii, around) > 0.0, np.arange(len(vertices)), np.arange(len(vertices)) // around * around
+    )
+    return shade(vertices * scale, own[_between(len(radii), around)])
+
+
+def _between(rings: int, around: int) -> IntArray:
+    """Return the triangles between rings of vertices, counter-clockwise seen from outside."""
+    ring, at = np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
+    a, b = (ring * around + at).ravel(), (ring * around + (at + 1) % around).ravel()
+    return np.concatenate([np.column_stack([a, b, b + around]), np.column_stack([a, b + around, a + around])])

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull
 
 from lgmpc.errors import InputError, required
 from lgmpc.robot import Robot
@@ -24,9 +23,8 @@ from lgmpc.runs.recorded import Column, columns_of
 from lgmpc.typing import Array, IntArray
 from lgmpc.viz.body import load_body
 from lgmpc.viz.marks import COLORS, Scale, turns_to
-from lgmpc.viz.mesh import Mesh, Solid
 from lgmpc.viz.overlay import Frames
-from lgmpc.viz.stage import BOX_COLOR, FLOOR_COLOR, field_triangles
+from lgmpc.viz.stage import BOX_COLOR, BOX_SIDES, FLOOR_COLOR, field_triangles
 from lgmpc.world import Box, HeightField, Plane, World
 
 __all__ = ["RATE_HZ", "write_mcap", "write_rrd"]
@@ -333,26 +331,10 @@ def _robot_pieces(robot: Robot) -> Iterator[_Piece]:
             continue
         link = first[part.joint]
         placement = link.placement.actInv(part.placement)
-        points, faces = _triangles(part.mesh)
-        points = points @ placement.rotation.T + placement.translation
-        yield _Piece(link.name, part.name, points, faces, part.material.color, part.material.opacity)
-
-
-def _triangles(mesh: Mesh | Solid) -> tuple[Array, IntArray]:
-    """Return vertices and triangles; of a solid those of the hull of its points."""
-    if isinstance(mesh, Mesh):
-        return mesh.positions.astype(np.float64), mesh.faces.astype(np.int64)
-    return _hull(mesh.positions)
-
-
-def _hull(points: Array) -> tuple[Array, IntArray]:
-    """Return points and the triangles of their convex hull, counter-clockwise seen from outside."""
-    hull = ConvexHull(points)
-    a, b, c = points[hull.simplices].transpose(1, 0, 2)
-    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    faces = hull.simplices.astype(np.int64)
-    faces[inwards] = faces[inwards][:, ::-1]
-    return points, faces
+        points = part.mesh.positions @ placement.rotation.T + placement.translation
+        yield _Piece(
+            link.name, part.name, points, part.mesh.faces.astype(np.int64), part.material.color, part.material.opacity
+        )
 
 
 def _ground_pieces(ground: World, travel: Array) -> Iterator[_Piece]:
@@ -363,6 +345,6 @@ def _ground_pieces(ground: World, travel: Array) -> Iterator[_Piece]:
             corners = np.column_stack([places, surface.height(places)])
             yield _Piece("world", f"floor_{i}", corners, np.array([[0, 1, 2], [0, 2, 3]]), FLOOR_COLOR)
         elif isinstance(surface, Box):
-            yield _Piece("world", f"box_{i}", *_hull(surface.corners), BOX_COLOR)
+            yield _Piece("world", f"box_{i}", surface.corners, BOX_SIDES, BOX_COLOR)
         elif isinstance(surface, HeightField):
             yield _Piece("world", f"heights_{i}", *field_triangles(surface), BOX_COLOR)

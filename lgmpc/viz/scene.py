@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lgmpc.typing import Array, BoolArray
-from lgmpc.viz.mesh import Mesh, Solid
+from lgmpc.viz.mesh import Mesh
 
 __all__ = ["Material", "Scene"]
 
@@ -26,8 +26,6 @@ _POSITION_STEP = 2e-5
 
 _ROTATION_STEP = 2e-5
 """Resolution of animated quaternions."""
-
-_IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True)
@@ -85,11 +83,8 @@ class Scene:
         self._count = 0
         self.duration = 0.0
 
-    def add_mesh(self, path: str, mesh: Mesh | Solid, material: Material) -> None:
-        """Add a geometry at ``path``; a :class:`Mesh` object that is used several times is stored once."""
-        if isinstance(mesh, Solid):
-            self._add(path, "Mesh", mesh.sizes, material.to_json(self._uuid()), mesh.matrix)
-            return
+    def add_mesh(self, path: str, mesh: Mesh, material: Material) -> None:
+        """Add a geometry at ``path``; one that is used several times is stored once."""
         known = self._geometries.get(id(mesh))
         if known is None:
             normals = np.round(mesh.normals * 32767.0).astype(np.int16)
@@ -105,7 +100,7 @@ class Scene:
                 },
             )
             self._geometries[id(mesh)] = known
-        self._add(path, "Mesh", _buffers(known[1]), material.to_json(self._uuid()))
+        self._add(path, "Mesh", known[1], material.to_json(self._uuid()))
 
     def add_segments(self, path: str, points: Array, color: int, opacity: float = 1.0) -> None:
         """Add line segments at ``path`` that join the (2 n, 3) ``points`` in pairs."""
@@ -117,7 +112,7 @@ class Scene:
             "transparent": opacity < 1.0,
         }
         data = {"attributes": {"position": self._attribute(points.astype(np.float32))}}
-        self._add(path, "LineSegments", _buffers(data), material)
+        self._add(path, "LineSegments", data, material)
 
     def has(self, folder: str) -> bool:
         """Return whether there is an object whose path begins so."""
@@ -186,20 +181,17 @@ class Scene:
         text += b" " * (-len(text) % 8)
         return gzip.compress(len(text).to_bytes(8, "little") + text + bytes(self._bytes), compresslevel=9, mtime=0)
 
-    def _add(
-        self, path: str, kind: str, sizes: Mapping[str, Any], material: Mapping[str, Any], matrix: Array = _IDENTITY
-    ) -> None:
+    def _add(self, path: str, kind: str, data: Mapping[str, Any], material: Mapping[str, Any]) -> None:
         geometry = self._uuid()
         content = {
             "metadata": {"version": 4.5, "type": "Object"},
-            "geometries": [{"uuid": geometry, **sizes}],
+            "geometries": [{"uuid": geometry, "type": "BufferGeometry", "data": data}],
             "materials": [material],
             "object": {
                 "uuid": self._uuid(),
                 "type": kind,
                 "geometry": geometry,
                 "material": material["uuid"],
-                "matrix": matrix.T.ravel().tolist(),  # by columns
             },
         }
         self._commands.append({"type": "set_object", "path": path, "object": content})
@@ -216,11 +208,6 @@ class Scene:
     def _uuid(self) -> str:
         self._count += 1
         return f"lgmpc-{self._count}"
-
-
-def _buffers(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the JSON of a geometry of attributes."""
-    return {"type": "BufferGeometry", "data": data}
 
 
 _TYPES = {"float32": "Float32Array", "int16": "Int16Array", "uint16": "Uint16Array", "uint32": "Uint32Array"}

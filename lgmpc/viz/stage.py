@@ -14,7 +14,7 @@ from lgmpc.viz.mesh import disc, shade
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Box, HeightField, Plane, World
 
-__all__ = ["BOX_COLOR", "FLOOR_COLOR", "add_solids", "add_stage", "field_triangles", "frame_camera"]
+__all__ = ["BOX_COLOR", "BOX_SIDES", "FLOOR_COLOR", "add_solids", "add_stage", "field_triangles", "frame_camera"]
 
 FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the fog."""
@@ -104,7 +104,7 @@ def add_solids(scene: Scene, ground: World, cell: float) -> None:
         corners = np.concatenate([each.corners for each in chosen])
         first = 8 * np.arange(len(chosen))[:, None, None]
         # Sides share no vertex with another box, and none is smoothed: their edges are right angles.
-        mesh = shade(corners, (first + _SIDES).reshape(-1, 3))
+        mesh = shade(corners, (first + BOX_SIDES).reshape(-1, 3))
         scene.add_mesh(f"/ground/{name}", mesh, Material(color, shininess=0.0))
         edges = corners[(first + _EDGES).reshape(-1, 2)].reshape(-1, 3) + [0.0, 0.0, 0.002 * cell]
         scene.add_segments(f"/ground/{name} edges", edges, EDGE_COLOR)
@@ -124,7 +124,7 @@ def field_triangles(field: HeightField) -> tuple[Array, IntArray]:
     return np.stack([x, y, field.heights], axis=-1).reshape(-1, 3), corners.reshape(-1, 3).astype(np.int64)
 
 
-_SIDES = np.array(
+BOX_SIDES = np.array(
     [(4, 5, 6), (4, 6, 7), *((a, b, b + 4) for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))),
      *((a, b + 4, a + 4) for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)))]
 )  # fmt: skip

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pytest
 
-from lgmpc.viz.mesh import Mesh, Solid, cone, cylinder, mesh_of, shade
+from lgmpc.viz.mesh import Mesh, box, cone, cylinder, disc, funnel, mesh_of, shade, sphere, tube
 
 SIDES = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-3.0, 3.0)])
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -64,16 +64,51 @@ def test_meshes_are_joined_with_their_faces() -> None:
 )
 def test_shapes_of_a_urdf_have_their_size(geometry: object, size: list[float]) -> None:
     solid = mesh_of(geometry)
-    assert isinstance(solid, Solid)
-    np.testing.assert_allclose(np.ptp(solid.positions, axis=0), size, rtol=1e-9)
+    assert solid is not None
+    np.testing.assert_allclose(np.ptp(solid.positions, axis=0), size, rtol=1e-6)
+
+
+def volume(mesh: Mesh) -> float:
+    """Return the volume that triangles enclose whose normals point outwards."""
+    a, b, c = np.moveaxis(mesh.positions[mesh.faces].astype(np.float64), 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def test_cylinders_lie_along_z_between_their_ends() -> None:
-    """In three.js the axis is y, from -height / 2 to height / 2."""
     for solid in (cylinder(0.2, -0.5, 1.0), cone(0.2, -0.5, 1.0)):
-        ends = solid.matrix @ np.array([[0.0, 0.5 * side * solid.sizes["height"], 0.0, 1.0] for side in (-1.0, 1.0)]).T
-        np.testing.assert_allclose(ends[:3].T, [[0.0, 0.0, -0.5], [0.0, 0.0, 1.0]], atol=1e-12)
-        assert np.linalg.det(solid.matrix) == pytest.approx(1.0)
+        np.testing.assert_allclose([solid.positions[:, 2].min(), solid.positions[:, 2].max()], [-0.5, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("solid", "wanted"),
+    [
+        (box(np.array([0.1, 0.2, 0.3])), 0.048),
+        (cylinder(0.2, -0.5, 1.0), 1.5 * np.pi * 0.04),
+        (cone(0.2, -0.5, 1.0), 0.5 * np.pi * 0.04),
+        (sphere(0.3), 4.0 / 3.0 * np.pi * 0.027),
+        (mesh_of(coal.Capsule(0.1, 0.8)), np.pi * (0.01 * 0.8 + 4.0 / 3.0 * 0.001)),
+    ],
+)
+def test_surfaces_are_closed_and_seen_from_outside(solid: Mesh, wanted: float) -> None:
+    assert volume(solid) == pytest.approx(wanted, rel=0.04)
+    edges = np.sort(np.concatenate([solid.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    corners = np.unique(solid.positions.round(6), axis=0, return_inverse=True)[1].ravel()
+    assert (np.unique(np.sort(corners[edges], axis=1), axis=0, return_counts=True)[1] == 2).all()
+
+
+def test_a_sphere_has_radial_normals_and_a_disc_is_seen_from_above() -> None:
+    ball = sphere(0.5)
+    np.testing.assert_allclose(ball.normals, ball.positions / 0.5, atol=0.03)
+    np.testing.assert_array_equal(disc(0.2).normals, np.tile([0.0, 0.0, 1.0], (len(disc(0.2).positions), 1)))
+    assert funnel(0.1, 0.3).positions[:, 2].min() == 0.0
+
+
+def test_a_tube_keeps_its_radius_around_corners_and_where_it_turns_back() -> None:
+    angles = np.linspace(0.0, 4.0, 200)
+    line = np.column_stack([np.cos(angles), np.sin(angles), 0.2 * angles])
+    distances = np.linalg.norm(tube(line, 0.05).positions[:, None] - line, axis=2).min(axis=1)
+    assert 0.04 < distances.min() and distances.max() < 0.051
+    assert np.isfinite(tube(np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 0, 1]]), 0.1).positions).all()
 
 
 def test_what_is_not_drawn_is_none() -> None:

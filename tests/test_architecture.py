@@ -28,7 +28,7 @@ MOST_LINES, MOST_FILES = 66_000, 352
 """Of the package (scripts/size.py prints them by room). Something goes before something is added."""
 
 # Every subpackage may import these.
-FOUNDATION = "errors status typing settings shipped compile notebook proxqp chromium"
+FOUNDATION = "errors status typing settings shipped compile proxqp chromium"
 
 _PROBLEMS = "lie state robot costs actions ocp"
 _PARTS = f"{_PROBLEMS} solvers mpc wbc estimation locomotion"
@@ -82,9 +82,8 @@ ARROWS: dict[str, str] = {
     "errors": "",
     "status": "",
     "typing": "errors",
-    "settings": "errors typing notebook",
+    "settings": "errors typing",
     "compile": "errors typing",
-    "notebook": "",
     "proxqp": "",
     "chromium": "",
     "shipped": "errors",
@@ -108,7 +107,7 @@ OWNERS: dict[str, str] = {
     "piqp": "solvers",
     "yaml": "config",
     "typer": "cli",
-    "IPython": "notebook viz",
+    "IPython": "viz",
     "rich": "cli",
     "viser": "live",
 }

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -29,6 +30,9 @@ from lgmpc.cli.options import (
 )
 from lgmpc.cli.screen import err, guarded, show_page
 from lgmpc.cli.screen import out as stdout
+
+if TYPE_CHECKING:
+    from lgmpc.config import Config
 
 __all__ = ["app"]
 
@@ -119,12 +123,17 @@ def live(
     """
     from lgmpc.live.viewing import Viewing
 
-    console = err()
-    with Viewing(host, port, token, browser).open(lambda message: console.print(message, markup=False)) as link:
-        from lgmpc.cli.running import live_shown
+    @cache
+    def load() -> Config:
         from lgmpc.config import load_config
 
-        live_shown(load_config(config, [*overrides, *more]), link, out, duration)
+        return load_config(config, [*overrides, *more])
+
+    console = err()
+    with Viewing(host, port, token, browser).open(lambda message: console.print(message, markup=False), load) as link:
+        from lgmpc.cli.running import live_shown
+
+        live_shown(load(), link, out, duration)
 
 
 @_command

@@ -22,7 +22,7 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.loading import parse_assignment, parse_config
 from lgmpc.config.schema import WHILE_RUNNING, Change, Config
-from lgmpc.config.session import Notify, ProgressReport, SessionResult
+from lgmpc.config.session import Notify, ProgressReport, SessionResult, ignore
 from lgmpc.errors import InputError, ReplayError
 from lgmpc.runs import Run, RunFolder
 from lgmpc.runs.difference import first_difference
@@ -39,8 +39,8 @@ def run_from(
     changes: Sequence[str] = (),
     out: str | Path = "runs",
     *,
-    notify: Notify | None = None,
-    progress: ProgressReport | None = None,
+    notify: Notify = ignore,
+    progress: ProgressReport = ignore,
 ) -> FinishedRun:
     """Repeat a recorded run bit for bit up to a time, with other settings from there on, as ``out/<time>-<name>/``.
 
@@ -53,7 +53,7 @@ def run_from(
         changes: ``key=value``, as for :func:`lgmpc.config.load_config`.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
-        progress: called with the progress of the simulation. In a notebook a bar displays both unless either is given.
+        progress: called with the progress of the simulation.
 
     Returns:
         The run, whose result has an :class:`~lgmpc.runs.result.Origin`.

@@ -23,7 +23,7 @@ from lgmpc.config.build import (
 from lgmpc.config.closed_loop import RunObserver, judged
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.schema import Config, GroundTruth
-from lgmpc.config.session import Notify, ProgressReport, SessionResult
+from lgmpc.config.session import Notify, ProgressReport, SessionResult, ignore
 from lgmpc.control.interface import Command, CommandGuard, command_limits
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
@@ -50,8 +50,8 @@ def deploy_config(
     driver: Callable[[Robot], Driver],
     out: str | Path = "runs",
     *,
-    notify: Notify | None = None,
-    progress: ProgressReport | None = None,
+    notify: Notify = ignore,
+    progress: ProgressReport = ignore,
     operator: Operator | None = None,
     dry_run: bool = False,
 ) -> tuple[FinishedRun, Deployment]:

@@ -22,18 +22,17 @@ from lgmpc.config.session import (
     SessionResult,
     SolveOutcome,
     StopSignals,
+    ignore,
     stop_signals,
 )
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError, Interrupted
-from lgmpc.notebook import reports
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
 from lgmpc.runs.result import Origin, SettingsChange
 from lgmpc.settings.dotted import differing
 from lgmpc.world import Course, Heights
 
 if TYPE_CHECKING:
-    from lgmpc.config.session import Iteration, Progress
     from lgmpc.ocp import ShootingProblem
     from lgmpc.problems import Scenario
     from lgmpc.robot import Robot
@@ -97,10 +96,6 @@ class _Finished:
         """The command line's exit code."""
         return self.result.verdict.exit_code if self.signal is None else Interrupted(self.signal).exit_code
 
-    def _repr_html_(self) -> str:
-        """Return a table of the verdict and of some figures."""
-        return self.result.html(self.folder.path)
-
     def show(self, html: str | Path | None = None) -> Path | None:
         """Replay it: embedded in a notebook, else in the browser, or as a file; see :func:`lgmpc.show`."""
         from lgmpc.config.showing import show
@@ -135,8 +130,8 @@ def run_config(
     config: Config,
     out: str | Path = "runs",
     *,
-    notify: Notify | None = None,
-    progress: ProgressReport | None = None,
+    notify: Notify = ignore,
+    progress: ProgressReport = ignore,
 ) -> FinishedRun:
     """Run ``config`` and save it as ``out/<time>-<name>/``.
 
@@ -148,7 +143,7 @@ def run_config(
         config: the closed loop.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
-        progress: called with the progress of the simulation. In a notebook a bar displays both unless either is given.
+        progress: called with the progress of the simulation.
 
     Raises:
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
@@ -164,22 +159,18 @@ def run_session(
     prepare: Callable[[Notify], Session],
     out: str | Path,
     *,
-    notify: Notify | None = None,
-    progress: ProgressReport | None = None,
+    notify: Notify = ignore,
+    progress: ProgressReport = ignore,
     verify: Callable[[SessionResult], Origin | None] = lambda result: None,
 ) -> FinishedRun:
     """Run the session that ``prepare`` returns and save it, see :func:`run_config`, unless ``verify`` raises.
 
     ``verify`` takes the result and returns the recorded run that it repeats, if any.
     """
-    with (
-        stop_signals() as stop,
-        _new_folder(config, out, stop) as folder,
-        reports(notify, progress, _simulated) as (announce, advance),
-    ):
-        session = prepare(stop.checked(announce))
+    with stop_signals() as stop, _new_folder(config, out, stop) as folder:
+        session = prepare(stop.checked(notify))
         folder.check_space(session.log_bytes)
-        with stop.deferred(advance) as report:
+        with stop.deferred(progress) as report:
             result = session.run(report)
             saved = _save_run(folder, config, result, verify(result))
     return FinishedRun(folder, saved, config, result, signal=stop.received if result.interrupted else None)
@@ -259,8 +250,8 @@ def solve_config(
     config: SolveConfig,
     out: str | Path = "runs",
     *,
-    notify: Notify | None = None,
-    progress: IterationReport | None = None,
+    notify: Notify = ignore,
+    progress: IterationReport = ignore,
 ) -> FinishedSolve:
     """Solve the problem of ``config`` and save it as ``out/<time>-<name>/``.
 
@@ -270,7 +261,7 @@ def solve_config(
         config: the problem.
         out: folder of run folders.
         notify: called with a description of what is being prepared.
-        progress: called after every iteration; displayed in a notebook as by :func:`run_config`.
+        progress: called after every iteration.
 
     Raises:
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
@@ -278,15 +269,11 @@ def solve_config(
     """
     if not isinstance(config, SolveConfig):
         raise InputError("config", type(config).__name__, "a SolveConfig, see lgmpc.load_solve_config")
-    with (
-        stop_signals() as stop,
-        _new_folder(config, out, stop) as folder,
-        reports(notify, progress, _iterated) as (announce, advance),
-    ):
-        session = prepare_solve(config, notify=stop.checked(announce))
+    with stop_signals() as stop, _new_folder(config, out, stop) as folder:
+        session = prepare_solve(config, notify=stop.checked(notify))
         folder.check_space(session.log_bytes)
-        with stop.deferred(advance) as report:
-            announce("solving")
+        with stop.deferred(progress) as report:
+            notify("solving")
             outcome = session.run(report)
             folder.write_trajectory(outcome.log)
             saved = SolveResult(
@@ -300,13 +287,3 @@ def solve_config(
             folder.write_result(saved)
     interrupted = outcome.verdict.outcome is Outcome.INTERRUPTED
     return FinishedSolve(folder, saved, outcome, session.scenario, signal=stop.received if interrupted else None)
-
-
-def _simulated(now: Progress) -> tuple[float, str]:
-    """Return the fraction done and a text on the progress of a simulation, for a notebook's bar."""
-    words = f"{now.time_s:.1f} of {now.duration_s:g} s simulated, {now.real_time_factor:.1f} x real time"
-    return now.time_s / now.duration_s, words
-
-
-def _iterated(now: Iteration) -> tuple[None, str]:
-    return None, f"{now.iteration} iterations, cost {now.cost:.6g}, {now.elapsed:.1f} s"

@@ -29,6 +29,7 @@ __all__ = [
     "SessionResult",
     "SolveOutcome",
     "StopSignals",
+    "ignore",
     "stop_signals",
 ]
 
@@ -55,6 +56,10 @@ ProgressReport = Callable[[Progress], None]
 
 Notify = Callable[[str], None]
 """Called with a description of the present preparation, such as "compiling the MPC"."""
+
+
+def ignore(report: object) -> None:
+    """Do nothing: the report of those who want none."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from lgmpc.config.loading import parse_any_config
 from lgmpc.config.robots import build_any_robot, joint_limits
 from lgmpc.config.solving import solution_as_run
 from lgmpc.errors import InputError
-from lgmpc.notebook import in_notebook
 from lgmpc.robot import Robot
 from lgmpc.runs import Outcome, Run, SolvedRun, TrajectoryLog, load_run
 from lgmpc.runs.atomic import json_values
@@ -24,6 +23,7 @@ from lgmpc.runs.limited import Nearest, figure_margin
 from lgmpc.viz import (
     Plots,
     embed_page,
+    in_notebook,
     open_page,
     plot_run,
     plot_trajectory,

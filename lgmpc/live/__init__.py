@@ -1,7 +1,7 @@
 """Runs that a page in the browser shows and drives while they go on.
 
 The loop's process paces the simulation (:mod:`lgmpc.live.session`) and writes pictures into a ring of shared memory
-(:mod:`lgmpc.live.ring`); a process of its own serves the page (:mod:`lgmpc.live.viewer`, with viser) and sends back
+(:mod:`lgmpc.live.ring`); a process of its own serves the page (:mod:`lgmpc.live.viewing`, with viser) and sends back
 what the user asks for (:mod:`lgmpc.live.wishes`). The loop never waits for the page, and survives it::
 
     with Viewing().open(print) as link:                     # lgmpc.live.viewing

@@ -9,7 +9,7 @@ from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.schema import Config
-from lgmpc.config.session import ProgressReport, Session, stop_signals
+from lgmpc.config.session import ProgressReport, Session, ignore, stop_signals
 from lgmpc.errors import LgmpcError
 from lgmpc.live.session import LiveRun, ShownRun
 from lgmpc.live.viewing import Link
@@ -69,8 +69,8 @@ def viewed_config(
     link: Link,
     out: str | Path = "runs",
     *,
-    notify: Callable[[str], None] | None = None,
-    progress: ProgressReport | None = None,
+    notify: Callable[[str], None] = ignore,
+    progress: ProgressReport = ignore,
 ) -> FinishedRun:
     """Run ``config`` as :func:`lgmpc.config.execution.run_config` does, in real time and shown on a page."""
     shown: list[ShownRun] = []

@@ -1,24 +1,31 @@
-"""The viewer's process: where it serves its page, and the loop's end of the channel to it.
+"""The viewer's process, which draws pictures from the ring on a page and passes on what the page asks for.
 
-It is started before anything else is loaded or built, so that the page is open meanwhile.
+It is started before anything else is loaded or built, so that the page is open meanwhile: here what takes time to
+import is imported when the page is served.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import multiprocessing
+import os
 import re
+import signal
 import socket
+import sys
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lgmpc.errors import InputError, LgmpcError, MissingDependencyError
-from lgmpc.live.viewer import view
 
-__all__ = ["Link", "Viewing"]
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["Link", "Viewing", "view"]
 
 _OPENING_S = 60.0
 _OWN = ("127.0.0.1", "localhost", "::1")
@@ -70,8 +77,12 @@ class Viewing:
     browser: bool = True
 
     @contextmanager
-    def open(self, notify: Callable[[str], None]) -> Iterator[Link]:
+    def open(self, notify: Callable[[str], None], load: Callable[[], object] = lambda: None) -> Iterator[Link]:
         """Serve the page during the block.
+
+        Args:
+            notify: called with the page's address.
+            load: called while the viewer starts, before the address is told; what it raises ends the viewer.
 
         Raises:
             MissingDependencyError: viser is not installed.
@@ -91,6 +102,7 @@ class Viewing:
         theirs.close()
         link = Link(mine)
         try:
+            load()
             if not mine.poll(_OPENING_S):
                 raise LgmpcError(f"the viewer did not open its page within {_OPENING_S:g} s")
             try:
@@ -118,3 +130,71 @@ class Viewing:
                 words = f"{self.host}:{self.port} ({error.strerror})"
                 raise InputError("--port", words, "a free one; 0 takes any") from error
             return int(probe.getsockname()[1])
+
+
+def view(pipe: Connection, host: str, port: int, token: str = "") -> None:
+    """Serve the page until the loop's end of the pipe closes.
+
+    Args:
+        pipe: to the loop, which is sent the page's address first.
+        host: address of this machine to listen at.
+        port: to listen at.
+        token: that the page's address has to contain, if any.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal is for the loop, which ends this process
+    os.nice(5)  # where there are not enough cores, the loop comes first
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # viser prints its own addresses
+    import viser
+
+    server = viser.ViserServer(*(("127.0.0.1", 0) if token else (host, port)), verbose=False)
+    server.request_share_url = lambda *_, **__: None  # viser's tunnel would publish the page
+    server.gui.configure_theme(show_logo=False, show_share_button=False)
+    if token:
+        from lgmpc.live.door import open_door
+
+        open_door(host, port, server.get_port(), token)
+    pipe.send(f"http://{host}:{port}{f'/?token={token}' if token else ''}")
+    try:
+        _serve(server, pipe)
+    except (EOFError, OSError):
+        pass
+    finally:
+        server.stop()
+
+
+def _serve(server: viser.ViserServer, pipe: Connection) -> None:
+    """Show one run after the other.
+
+    Raises:
+        EOFError: the loop's end of the pipe has been closed.
+    """
+    from lgmpc.live.history import History
+    from lgmpc.live.page import Page
+    from lgmpc.live.session import PICTURE_S
+    from lgmpc.live.wishes import Note, Started, Tune
+
+    page, history = None, None
+    try:
+        while True:
+            begun = time.perf_counter()
+            while pipe.poll(None if history is None else 0.0):
+                message = pipe.recv()
+                if isinstance(message, Started):
+                    page = Page(message.config, server, pipe) if page is None else page
+                    if history is not None:
+                        history.close()
+                        history = None
+                    with suppress(FileNotFoundError):  # a run that is over already
+                        history = History(page.robot, message)
+                        page.begin(message, history)
+                elif page is not None and isinstance(message, Tune):
+                    page.tuned(message)
+                elif page is not None and isinstance(message, Note):
+                    page.tell(message)
+            if page is not None and history is not None and (history.update() or (page.stale and history.rows)):
+                page.draw(history)
+            spent = time.perf_counter() - begun
+            time.sleep(max(PICTURE_S - spent, spent))  # at most half a core is taken from the loop's machine
+    finally:
+        if history is not None:
+            history.close()

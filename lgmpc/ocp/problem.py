@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from lgmpc.actions import Action, StageValue
 from lgmpc.errors import InputError
-from lgmpc.notebook import html_table
 from lgmpc.state import StateMultibody
 from lgmpc.typing import Array, identifier, numbers
 
@@ -90,20 +89,11 @@ class ShootingProblem:
             self.parameters[k, : each.parameters.size] = each.parameters.default
         self.x0: Array = self.state.neutral()
 
-    def _repr_html_(self) -> str:
-        """Return a table of the horizon, its dimensions and its actions."""
-        counts: dict[str, int] = {}
-        for action in self.actions:
-            counts[action.name] = counts.get(action.name, 0) + 1
-        rows = [
-            ("intervals", self.nodes),
-            ("state", f"nx = {self.state.nx}, ndx = {self.state.ndx}"),
-            ("controls", self.nu),
-            ("parameters", f"{self.parameters.shape[1]} a node"),
-            ("actions", ", ".join(f"{count} x {name}" for name, count in counts.items())),
-            ("terminal", self.terminal.name),
-        ]
-        return html_table(type(self).__name__, rows)
+    def __repr__(self) -> str:
+        names = [action.name for action in self.actions]
+        actions = ", ".join(f"{names.count(name)} x {name}" for name in dict.fromkeys(names))
+        size = f"nx = {self.state.nx}, ndx = {self.state.ndx}, nu = {self.nu}"
+        return f"<ShootingProblem of {self.nodes} intervals: {size}; {actions}; terminal {self.terminal.name}>"
 
     @property
     def uniform(self) -> bool:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.notebook import html_table
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.settings import Settings
@@ -129,17 +128,10 @@ class Scenario:
         if self.controls is not None and len(self.controls.names) != self.problem.nu:
             raise InputError("controls", f"{len(self.controls.names)} names", f"{self.problem.nu}, one a control")
 
-    def _repr_html_(self) -> str:
-        """Return a table of robot, horizon and contacts."""
-        rows = [
-            ("robot", self.robot.name),
-            ("intervals", f"{self.problem.nodes}, {self.durations.sum():.3g} s"),
-            ("state", f"nx = {self.problem.state.nx}, ndx = {self.problem.state.ndx}"),
-            ("controls", self.problem.nu),
-            ("contact frames", ", ".join(self.robot.contact_frames) or "none"),
-            ("targets", ", ".join(waypoint.name for waypoint in self.waypoints) or "none"),
-        ]
-        return html_table(self.name, rows)
+    def __repr__(self) -> str:
+        targets = ", ".join(waypoint.name for waypoint in self.waypoints) or "none"
+        horizon = f"{self.robot.name}, {self.durations.sum():.3g} s"
+        return f"<Scenario {self.name}: {horizon}, targets: {targets}, {self.problem}>"
 
     @property
     def times(self) -> Array:

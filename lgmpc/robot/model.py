@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.notebook import html_table
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
 from lgmpc.robot.names import degree_names, frame_index, is_floating
 from lgmpc.robot.soles import Foot, FootPoints, support_share
@@ -103,19 +102,6 @@ class Robot:
         base = "free" if self.floating_base else "fixed"
         feet = ", ".join(self.foot_names) or "no contact frames"
         return f"<Robot {self.name}: {self.mass:.3f} kg, {base} base, {self.nu} joints, {feet}>"
-
-    def _repr_html_(self) -> str:
-        """Return a table of mass, freedom, feet and limits."""
-        rows = [
-            ("mass", f"{self.mass:.3f} kg"),
-            ("base", "free" if self.floating_base else "fixed"),
-            ("joints", f"{self.nu}: {', '.join(self.joint_names)}"),
-            ("feet", ", ".join(map(str, self.feet)) or "none"),
-            ("largest effort", _span(self.effort_limit, "N.m")),
-            ("largest speed", _span(self.velocity_limit, "rad/s")),
-            *(("note", note) for note in self.notes),
-        ]
-        return html_table(self.name, rows)
 
     def create_data(self) -> pin.Data:
         """Return a new workspace for Pinocchio's algorithms on ``model``."""
@@ -267,9 +253,3 @@ class Robot:
             InputError: there is no such frame; the nearest are named.
         """
         return frame_index(self.model, name, key)
-
-
-def _span(values: Array, unit: str) -> str:
-    """Return one number if all are equal, else the smallest and the largest."""
-    lowest, highest = f"{values.min(initial=np.inf):g}", f"{values.max(initial=-np.inf):g}"
-    return f"{lowest} {unit}" if lowest == highest else f"{lowest} to {highest} {unit}"

@@ -65,10 +65,6 @@ class Run(Recorded):
         """The log."""
         return self.log
 
-    def _repr_html_(self) -> str:
-        """Return a table of the verdict and of some figures."""
-        return self.result.html(self.path)
-
 
 @dataclass(frozen=True)
 class SolvedRun(Recorded):
@@ -90,10 +86,6 @@ class SolvedRun(Recorded):
     def arrays(self) -> TrajectoryLog:
         """The trajectory."""
         return self.trajectory
-
-    def _repr_html_(self) -> str:
-        """Return a table of the verdict and of some figures."""
-        return self.result.html(self.path)
 
 
 @dataclass(frozen=True)

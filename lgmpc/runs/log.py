@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
 from lgmpc.lie import quaternion
-from lgmpc.notebook import html_table
 from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of, described
 from lgmpc.runs.ground import along_ground, foot_centres, level_ground
 from lgmpc.typing import GRAVITY, Array, BoolArray
@@ -226,10 +225,6 @@ class RunLog(ArrayFile):
             f" contacts {', '.join(self.contact_frames)}\nchannels (shapes and units in .channels): "
             + ", ".join(self.channels)
         )
-
-    def _repr_html_(self) -> str:
-        """Return a table of the channels."""
-        return html_table("RunLog", [(name, f"{each.shape} {each.unit}") for name, each in self.channels.items()])
 
     @cached_property
     def normal_forces(self) -> Array:

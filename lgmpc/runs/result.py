@@ -16,7 +16,6 @@ from typing import Any, ClassVar, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from lgmpc.errors import RunFolderError
-from lgmpc.notebook import html_table
 from lgmpc.runs.atomic import Number, json_values
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_number, figure_words
@@ -37,7 +36,7 @@ __all__ = [
 ]
 
 _SHOWN = ("survived_s", "max_tilt_deg", "max_displacement_m", "max_slip_m", "max_abs_torque_nm", "real_time_factor")
-"""Metrics of a closed loop that a notebook displays."""
+"""Metrics of a closed loop that its text has."""
 
 _PACKAGES = ("lgmpc", "pin", "casadi", "mujoco", "proxsuite", "osqp", "piqp", "numpy", "example-robot-data")
 
@@ -147,7 +146,7 @@ def _now() -> str:
     return datetime.now(timezone.utc).isoformat(timespec="seconds")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class _Result:
     """The common entries of both kinds.
 
@@ -172,19 +171,16 @@ class _Result:
         """Time of creation as text: ``2026-03-01 12:00:00 UTC``."""
         return self.created.replace("T", " ").replace("+00:00", " UTC")
 
-    def _repr_html_(self) -> str:
-        """Return a table of the verdict and of some figures."""
-        return self.html()
-
-    def html(self, folder: object = None) -> str:
-        """Return the table of verdict and figures, with the run's folder if it is given."""
-        rows: list[tuple[str, object]] = [("verdict", self.verdict.outcome.value.upper())]
-        rows += [("because", reason) for reason in self.verdict.reasons]
-        rows += [figure_cells(name, value) for name, value in self.shown().items()]
-        return html_table(self.name, [*rows, *([("folder", folder)] if folder is not None else [])])
+    def __repr__(self) -> str:
+        figures = (figure_words(name, value) + (value,) for name, value in self.shown().items())
+        texts = [
+            f"{words} {figure_number(scale * value, unit)} {unit}".rstrip() for words, unit, scale, value in figures
+        ]
+        reasons = "".join(f"\n  - {reason}" for reason in self.verdict.reasons)
+        return f"<{self.verdict.outcome.value.upper()} {self.name}: {', '.join(texts)}>{reasons}"
 
     def shown(self) -> dict[str, float]:
-        """Return the figures that the table displays."""
+        """Return the figures that the text has."""
         raise NotImplementedError
 
     def to_json(self) -> str:
@@ -235,7 +231,7 @@ def _first(error: Exception) -> str:
     return f"{'.'.join(map(str, found['loc']))}: {found['msg']}, got {str(found['input'])[:40]}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RunResult(_Result):
     """The ``run.json`` of a closed loop.
 
@@ -266,7 +262,7 @@ class RunResult(_Result):
         return content | ({"from": origin} if origin else {}) | ({"changes": changes} if changes else {})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SolveResult(_Result):
     """The ``run.json`` of a solved problem.
 
@@ -287,12 +283,6 @@ class SolveResult(_Result):
     def shown(self) -> dict[str, float]:
         """Return all figures."""
         return dict(self.figures)
-
-
-def figure_cells(name: str, value: float) -> tuple[str, str]:
-    """Return name and value of a figure as a table displays them."""
-    words, unit, scale = figure_words(name, value)
-    return (f"{words} / {unit}" if unit else words), figure_number(scale * value, unit)
 
 
 def kind_of(text: str, source: str = RESULT_FILE) -> str:

@@ -29,7 +29,6 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import PydanticCustomError
 from typing_extensions import Self
 
-from lgmpc.notebook import html_table
 from lgmpc.settings.dotted import write_at
 
 __all__ = [
@@ -123,11 +122,6 @@ class Settings(BaseModel, metaclass=_SettingsType):
         return textwrap.fill(text, 120, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
 
     __str__ = __repr__
-
-    def _repr_html_(self) -> str:
-        """Return a table of the values that are not their defaults."""
-        rows = [(key, _short(value)) for key, value in self._changed()]
-        return html_table(type(self).__name__, rows or [("all values", "defaults")])
 
     def _changed(self, section: str = "") -> Iterator[tuple[str, Any]]:
         """Yield dotted key and value of each entry that differs from its default, nested settings included."""

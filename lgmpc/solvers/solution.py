@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from lgmpc.actions import Action, Cost
 from lgmpc.errors import InputError
-from lgmpc.notebook import html_table
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.ocp.numdiff import MEANINGS
@@ -95,20 +94,6 @@ class Solution:
         for value in vars(self).values():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
-
-    def _repr_html_(self) -> str:
-        """Return a table of the outcome."""
-        ended = self.status.name.lower().replace("_", " ")
-        rows = [
-            ("status", ended if self.status.solved else f"{ended}: {self.status.remedy}"),
-            ("iterations", self.iterations),
-            ("cost", f"{self.cost:.6g}"),
-            ("largest gap", f"{self.kkt.dynamics:.1e}"),
-            ("stationarity", f"{self.kkt.stationarity:.1e}"),
-            ("constraint violation", f"{self.kkt.constraint:.1e}"),
-            ("time", f"{1e3 * self.timings.total:.3g} ms"),
-        ]
-        return html_table(type(self).__name__, rows)
 
     @property
     def trajectory(self) -> Trajectory:

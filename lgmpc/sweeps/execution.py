@@ -9,15 +9,14 @@ from pathlib import Path
 from signal import Signals
 from typing import Any
 
-from lgmpc.config.session import StopSignals, stop_signals
+from lgmpc.config.session import StopSignals, ignore, stop_signals
 from lgmpc.config.yaml_text import write_yaml
-from lgmpc.errors import InputError, Interrupted
-from lgmpc.notebook import html_table, reports
+from lgmpc.errors import InputError, Interrupted, required
 from lgmpc.sweeps.design import Sweep, load_sweep, parse_sweep
 from lgmpc.sweeps.folder import SweepFolder
 from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
-from lgmpc.sweeps.summary import Summary, summarize, summary_tables
+from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 
 __all__ = ["FinishedSweep", "SweepProgress", "run_sweep"]
@@ -83,13 +82,17 @@ class FinishedSweep:
     def __repr__(self) -> str:
         return f"FinishedSweep({self.sweep.settings.name}: {self.summary.count}, in {self.folder})"
 
-    def _repr_html_(self) -> str:
-        """Return the table of the summary's groups."""
-        from lgmpc.viz.report import table  # imported here, because lgmpc.viz imports much
+    def to_pandas(self) -> Any:
+        """Return a pandas DataFrame with a row for each finished point: base, variant, levels, ending, figures.
 
-        summary = self.summary
-        head = html_table(summary.name, [("verdict", f"{summary.verdict}: {summary.count}"), ("folder", self.folder)])
-        return head + "".join(table(*each) for each in summary_tables(summary, self.sweep.settings.metrics)[:1])
+        Raises:
+            MissingDependencyError: pandas is not installed.
+        """
+        rows = [
+            {"base": row.base, "variant": row.variant, **row.levels, "ending": row.ending.value, **row.quantities}
+            for row in self.rows.values()
+        ]
+        return required("pandas", "a DataFrame of a sweep", "data").DataFrame(rows)
 
 
 def run_sweep(
@@ -98,8 +101,8 @@ def run_sweep(
     *,
     workers: int | None = None,
     resume: bool = False,
-    notify: Callable[[str], None] | None = None,
-    progress: Callable[[SweepProgress], None] | None = None,
+    notify: Callable[[str], None] = ignore,
+    progress: Callable[[SweepProgress], None] = ignore,
 ) -> FinishedSweep:
     """Compute the points of a sweep that are not finished yet, and save each.
 
@@ -113,7 +116,7 @@ def run_sweep(
         workers: number of processes; that of the processors unless given.
         resume: whether to continue in an existing folder.
         notify: called with a description of what is being prepared.
-        progress: called after every point. In a notebook a bar displays both unless either is given.
+        progress: called after every point.
 
     Raises:
         ConfigError: as :func:`load_sweep`.
@@ -130,21 +133,16 @@ def run_sweep(
     received = None
     with (
         closing(SweepFolder.open(folder, sweep, resume=resume)) as place,
-        reports(notify, progress, _counted) as (announce, advance),
     ):
-        session = _Session(sweep, place, advance)
+        session = _Session(sweep, place, progress)
         try:
             with stop_signals() as stop:
                 if session.now.done < session.now.total:
                     with Pool(workers or available_cores(), start_worker, sweep.settings.time_limit_s) as pool:
-                        session.run(pool, stop, announce)
+                        session.run(pool, stop, notify)
         except Interrupted as error:
             received = error.signal
     return FinishedSweep(sweep, folder, session.finished(), session.now, received)
-
-
-def _counted(now: SweepProgress) -> tuple[float, str]:
-    return now.done / now.total, f"{now.done} of {now.total} points, {now.failed} failed"
 
 
 class _Session:

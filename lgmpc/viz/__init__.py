@@ -7,7 +7,7 @@ matplotlib's, in :class:`Plots`. The viewer and matplotlib are imported when the
 from lgmpc.viz.demonstration import demo_page, draw_demo
 from lgmpc.viz.explanation_plots import write_explanation
 from lgmpc.viz.figure_files import Plots
-from lgmpc.viz.page import embed_page, open_page, write_page
+from lgmpc.viz.page import embed_page, in_notebook, open_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
 from lgmpc.viz.report import run_report, solve_report
@@ -18,6 +18,7 @@ __all__ = [
     "demo_page",
     "draw_demo",
     "embed_page",
+    "in_notebook",
     "open_page",
     "plot_run",
     "plot_trajectory",

@@ -206,7 +206,7 @@ def _turned(profile: ArrayLike, around: int = _AROUND, scale: ArrayLike = 1.0) -
     own = np.where(
         np.repeat(radii, around) > 0.0, np.arange(len(vertices)), np.arange(len(vertices)) // around * around
     )
-    return shade(vertices * scale, own[_between(len(radii), around)])
+    return shade(vertices * np.asarray(scale, dtype=np.float64), own[_between(len(radii), around)])
 
 
 def _between(rings: int, around: int) -> IntArray:

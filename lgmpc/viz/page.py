@@ -23,7 +23,17 @@ from lgmpc.runs import atomic_write
 from lgmpc.typing import Array
 from lgmpc.viz.scene import Scene
 
-__all__ = ["Readout", "embed_page", "filled", "frame_of", "open_page", "page_of", "time_line", "write_page"]
+__all__ = [
+    "Readout",
+    "embed_page",
+    "filled",
+    "frame_of",
+    "in_notebook",
+    "open_page",
+    "page_of",
+    "time_line",
+    "write_page",
+]
 
 _READOUT_COLORS = ("#0072b2", "#8a5a9e")
 """Colours of the first and the second curve on the time line."""
@@ -132,6 +142,13 @@ def embed_page(page: str, height: int = _FRAME_HEIGHT) -> None:
     from IPython.display import HTML, display
 
     display(HTML(frame_of(page, height)))  # type: ignore[no-untyped-call]
+
+
+def in_notebook() -> bool:
+    """Return whether this process is the kernel of a notebook, whose outputs can be HTML."""
+    # IPython is not imported for that: in a kernel it has been, and elsewhere it need not be installed.
+    ipython = sys.modules.get("IPython")
+    return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
 def _has_desktop() -> bool:

@@ -19,12 +19,11 @@ import viser
 from lgmpc.config import Config, load_config
 from lgmpc.config.build import prepare
 from lgmpc.config.session import stop_signals
-from lgmpc.errors import InputError, Interrupted
+from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.live.ring import RingReader
 from lgmpc.live.session import EXTRAS, LiveRun, Pulls
 from lgmpc.live.tuning import Tuner
-from lgmpc.live.viewer import _serve
-from lgmpc.live.viewing import Link, Viewing
+from lgmpc.live.viewing import Link, Viewing, _serve
 from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
 from lgmpc.runs import Run, load_run
@@ -244,6 +243,16 @@ def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
             viewing.open(print),
         ):
             pass
+
+
+def test_a_config_that_cannot_be_used_is_told_before_any_address() -> None:
+    def load() -> None:
+        load_config("solo12_velocity", ["mpc.nods=3"])
+
+    told: list[str] = []
+    with pytest.raises(ConfigError, match="mpc.nodes"), Viewing(port=0, browser=False).open(told.append, load):
+        pass
+    assert told == []
 
 
 def test_the_viewer_skips_a_run_that_is_over_before_it_could_be_seen(config: Config) -> None:

@@ -8,7 +8,7 @@
     torque_free, lagrange_top   closed forms of tops, Poinsot's construction
     connection, phases          rotation by changes of shape: cat, three links
     underwater       added mass, damping, buoyancy
-    quadrotor        geometric control on SE(3), and an Euler-angle PID (not exported here)
+    quadrotor        geometric control on SE(3), and control by Euler angles (not exported here)
 
 Robots of many bodies are the subject of :class:`lgmpc.robot.symbolic.SymbolicModel`.
 

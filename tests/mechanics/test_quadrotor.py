@@ -1,268 +1,218 @@
-"""Geometric control of a quadrotor: exact references, the antipode, and comparison with an Euler-angle PID."""
+"""Geometric control of a quadrotor: exact references, the antipode, and comparison with Euler angles."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from lgmpc.errors import InputError
-from lgmpc.lie import so3
+from lgmpc.lie import se3, so3
 from lgmpc.lie.attitude import roll_pitch_yaw
+from lgmpc.mechanics import HEIGHT, Motion, torque_free_body
 from lgmpc.mechanics.quadrotor import (
-    AttitudeCommand,
-    EulerAnglePid,
-    EulerGains,
-    FlatOutput,
+    EulerAngleController,
     GeometricController,
     GeometricGains,
-    Hover,
-    Lissajous,
     Quadrotor,
-    QuadrotorState,
     attitude_error,
-    fly,
+    euler_angles,
+    euler_rates,
+    hover,
+    lissajous,
 )
-from lgmpc.mechanics.quadrotor.control import angle_rates
 
 QUADROTOR = Quadrotor.of_the_paper()
 GAINS = GeometricGains.of_the_paper()
+UNEVEN = GeometricGains([60.0, 80.0, 50.0], [20.0, 25.0, 30.0], [8.0, 3.0, 12.0], [2.5, 1.5, 3.0])
 REAL = QUADROTOR.limited(lift=2.5, moment=20.0)
+STILL = np.zeros(3)
+TILTED = so3.exp(np.array([0.9, -0.4, 0.3]))
 
 
-@dataclass
-class TurnOnly:
-    """The attitude's controller alone, holding the identity; no thrust."""
-
-    controller: GeometricController
-
-    def control(self, time, state):
-        still = np.zeros_like(state.rate)
-        command = AttitudeCommand(np.broadcast_to(np.eye(3), state.rotation.shape), still, still)
-        return np.zeros(state.rate.shape[:-1]), self.controller.moment(state, command)
+def turn_only(rotations, duration, step=2e-3, gains=GAINS) -> list[Motion]:
+    """The attitude's controller alone, towards the identity."""
+    controller = GeometricController(QUADROTOR, hover(), gains)
+    body = torque_free_body(
+        QUADROTOR.inertia, body_force=lambda s: controller.moment(s.pose, s.velocity, ca.DM.eye(3), STILL, STILL)
+    )
+    return [body.simulate(r, STILL, step=step, steps=round(duration / step)) for r in rotations]
 
 
-def states_at(flight, k) -> QuadrotorState:
-    s = flight.states
-    return QuadrotorState(s.position[k], s.velocity[k], s.rotation[k], s.rate[k])
+def flown(controller, rotation, position, duration, step, velocity=STILL, rate=STILL) -> Motion:
+    pose, twist = se3.from_parts(rotation, position), np.concatenate((rotation.T @ velocity, rate))
+    system = controller.quadrotor.system(controller)
+    return system.simulate(pose, twist, pose.T @ HEIGHT, step=step, steps=round(duration / step))
 
 
-def turn_only(start, duration, step=2e-3, gains=None):
-    return fly(QUADROTOR, TurnOnly(GeometricController(QUADROTOR, Hover(), gains)), start, duration, step)
+def commanded(controller, motion, k) -> tuple[np.ndarray, ...]:
+    """Attitude, rate and acceleration that a controller asks for at a step of a motion."""
+    rotation, velocity = motion.poses[k, :3, :3], motion.velocities[k]
+    found = controller.command(motion.times[k], motion.poses[k, :3, 3], rotation @ velocity[:3], rotation, velocity[3:])
+    return found[1].full(), found[2].full().ravel(), found[3].full().ravel()
+
+
+def errors(rotation, desired, stiffness=1.0) -> tuple[float, np.ndarray]:
+    psi, error = attitude_error(rotation, desired, stiffness)
+    return float(psi), error.full().ravel()
 
 
 def test_the_errors_mean_an_angle() -> None:
     angle, axis = 2.1, np.array([1.0, 2.0, -1.0]) / np.sqrt(6.0)
     desired = Rotation.random(random_state=1).as_matrix()
-    psi, error = attitude_error(desired @ so3.exp(angle * axis), desired)
+    psi, error = errors(desired @ so3.exp(angle * axis), desired)
     assert psi == pytest.approx(1.0 - np.cos(angle), abs=1e-14)
     assert np.allclose(error, np.sin(angle) * axis, atol=1e-14)
 
 
-def test_the_desired_rates_are_exact_derivatives_along_the_flight() -> None:
-    """Far from the trajectory, so that every term of acceleration and jerk counts."""
-    controller = GeometricController(QUADROTOR, Lissajous())
-    start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
-    step = 1e-3
-    flight = fly(QUADROTOR, controller, start, 0.21, step)
+@pytest.mark.parametrize("vehicle", [QUADROTOR, QUADROTOR.limited(lift=1.2, moment=20.0)])
+def test_the_desired_rates_are_exact_derivatives_along_the_flight(vehicle) -> None:
+    """Far from the trajectory, so that every term of acceleration and jerk counts; with a saturated thrust too."""
+    controller = GeometricController(vehicle, lissajous())
+    motion = flown(controller, TILTED, np.array([0.3, -0.2, 0.4]), 0.21, 1e-3)
     for k in (50, 130, 201):
-        ahead, here, behind = (controller.command(flight.times[k + i], states_at(flight, k + i)) for i in (1, 0, -1))
-        rate = so3.vee(0.5 * (m := here.rotation.T @ (ahead.rotation - behind.rotation) / (2 * step)) - 0.5 * m.T)
-        assert np.allclose(here.rate, rate, atol=2e-4 * max(np.abs(here.rate).max(), 1.0))
-        acceleration = (ahead.rate - behind.rate) / (2 * step)
-        assert np.allclose(here.acceleration, acceleration, atol=2e-3 * max(np.abs(acceleration).max(), 1.0))
+        ahead, here, behind = (commanded(controller, motion, k + i) for i in (1, 0, -1))
+        slope = here[0].T @ (ahead[0] - behind[0]) / 2e-3
+        assert np.allclose(here[1], so3.vee(0.5 * (slope - slope.T)), atol=2e-4 * max(np.abs(here[1]).max(), 1.0))
+        acceleration = (ahead[1] - behind[1]) / 2e-3
+        assert np.allclose(here[2], acceleration, atol=2e-3 * max(np.abs(acceleration).max(), 1.0))
 
 
 def test_the_error_of_those_differences_falls_with_the_square_of_the_step() -> None:
-    controller = GeometricController(QUADROTOR, Lissajous())
-    start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
-    flight = fly(QUADROTOR, controller, start, 0.09, 2.5e-4)
-    errors, k = [], 200
-    here = controller.command(flight.times[k], states_at(flight, k)).acceleration
+    controller = GeometricController(QUADROTOR, lissajous())
+    motion, k = flown(controller, TILTED, np.array([0.3, -0.2, 0.4]), 0.09, 2.5e-4), 200
+    here, off = commanded(controller, motion, k)[2], []
     for n in (8, 16, 32):
-        ahead, behind = (controller.command(flight.times[k + i], states_at(flight, k + i)).rate for i in (n, -n))
-        errors.append(np.linalg.norm((ahead - behind) / (2 * n * 2.5e-4) - here))
-    slopes = np.diff(np.log2(errors))
-    assert np.all(np.abs(slopes - 2.0) < 0.1), (errors, slopes)
+        ahead, behind = (commanded(controller, motion, k + i)[1] for i in (n, -n))
+        off.append(np.linalg.norm((ahead - behind) / (2 * n * 2.5e-4) - here))
+    slopes = np.diff(np.log2(off))
+    assert np.all(np.abs(slopes - 2.0) < 0.1), (off, slopes)
 
 
 def test_a_start_on_the_trajectory_stays_on_it() -> None:
-    trajectory = Lissajous()
-    controller = GeometricController(QUADROTOR, trajectory)
-    wanted = trajectory.at(0.0).position
-    first = QuadrotorState(wanted[0], wanted[1], np.eye(3), np.zeros(3))
+    """The distance falls with the fourth power of the step."""
+    controller, t = GeometricController(QUADROTOR, lissajous()), ca.SX.sym("t")
+    position = controller.reference(t)[0]
+    curve = ca.Function("curve", [t], [position, ca.jacobian(position, t)])
+    place, speed = (value.full().ravel() for value in curve(0.0))
     # Without errors of position and velocity the attitude follows from the acceleration, the rate from the jerk.
-    turned = QuadrotorState(wanted[0], wanted[1], controller.command(0.0, first).rotation, np.zeros(3))
-    spun = QuadrotorState(wanted[0], wanted[1], turned.rotation, controller.command(0.0, turned).rate)
-    start = QuadrotorState(wanted[0], wanted[1], turned.rotation, controller.command(0.0, spun).rate)
-    errors = []
+    rotation, rate = np.eye(3), STILL
+    for _ in range(3):
+        _, rotation, rate, _ = (value.full() for value in controller.command(0.0, place, speed, rotation, rate))
+    off = []
     for step in (4e-3, 2e-3):
-        flight = fly(QUADROTOR, controller, start, 0.4, step)
-        goal = np.array([trajectory.at(t).position[0] for t in flight.times])
-        errors.append(np.abs(flight.states.position - goal).max())
-    assert errors[1] < 1e-8
-    assert 3.5 < np.log2(errors[0] / errors[1]) < 4.5
+        motion = flown(controller, rotation, place, 0.4, step, speed, rate.ravel())
+        goal = np.array([curve(time)[0].full().ravel() for time in motion.times])
+        off.append(np.abs(motion.poses[:, :3, 3] - goal).max())
+    assert off[1] < 1e-8
+    assert 3.5 < np.log2(off[0] / off[1]) < 4.5
 
 
-def test_about_a_principal_axis_it_is_a_damped_pendulum() -> None:
+@pytest.mark.parametrize("gains", [GAINS, UNEVEN], ids=["alike", "uneven"])
+def test_about_each_principal_axis_it_is_a_damped_pendulum(gains) -> None:
     """``J theta'' = -k_R sin theta - k_Omega theta'``, which scipy solves to 1e-12."""
-    starts, inertia = np.radians([30.0, 178.0, 179.99]), QUADROTOR.inertia[0, 0]
-    flight = turn_only(QuadrotorState.at_rest(so3.exp(starts[:, None] * [1.0, 0.0, 0.0])), 1.0)
-    exact = solve_ivp(
-        lambda _, y: np.r_[y[3:], (-GAINS.rotation * np.sin(y[:3]) - GAINS.rate * y[3:]) / inertia],
-        (0.0, 1.0),
-        np.r_[starts, np.zeros(3)],
-        "DOP853",
-        flight.times,
-        rtol=1e-13,
-        atol=1e-13,
-    ).y[:3]
-    angles = np.unwrap(roll_pitch_yaw(flight.states.rotation)[..., 0], axis=0)
-    assert np.abs(angles - exact.T).max() < 4e-9  # 2.4e-9, and at half the step 1.5e-10
-    assert np.all(np.abs(angles[-1]) < starts)
+    stiffness, damping = (np.broadcast_to(gain, 3) for gain in (gains.rotation, gains.rate))
+    for start in np.radians([115.0, 179.99]):
+        for axis, motion in enumerate(turn_only(so3.exp(start * np.eye(3)), 1.0, gains=gains)):
+            inertia, k, c = QUADROTOR.inertia[axis, axis], stiffness[axis], damping[axis]
+            exact = solve_ivp(
+                lambda _, y, k=k, c=c, inertia=inertia: [y[1], (-k * np.sin(y[0]) - c * y[1]) / inertia],
+                (0.0, 1.0),
+                [start, 0.0],
+                "DOP853",
+                motion.times,
+                rtol=1e-13,
+                atol=1e-13,
+            ).y[0]
+            angles = so3.log(motion.poses)[:, axis]
+            assert np.abs(angles - exact).max() < 1e-8
+            assert abs(angles[-1]) < start
 
 
 def test_exactly_at_the_antipode_the_moment_vanishes() -> None:
     """Half a turn is an equilibrium; ``lgmpc demo lee`` measures the rate at which a start beside it leaves."""
-    flight = turn_only(QuadrotorState.at_rest(np.diag([1.0, -1.0, -1.0])), 0.2)
-    psi, _ = attitude_error(flight.states.rotation, np.eye(3))
-    assert np.all(psi == 2.0) and np.all(flight.moments == 0.0)
-
-
-UNEVEN = GeometricGains([60.0, 80.0, 50.0], [20.0, 25.0, 30.0], [8.0, 3.0, 12.0], [2.5, 1.5, 3.0])
+    half = np.diag([1.0, -1.0, -1.0])
+    motion = turn_only([half], 0.2)[0]
+    assert np.array_equal(motion.poses[-1], half) and not motion.velocities.any()
+    assert errors(half, np.eye(3))[0] == 2.0
 
 
 def test_the_lyapunov_function_never_rises() -> None:
     """``1/2 Omega^T J Omega + Psi`` has the derivative ``-Omega . k_Omega Omega``."""
-    rotations = Rotation.random(50, random_state=4).as_matrix()
-    gains = UNEVEN
-    flight = turn_only(QuadrotorState.at_rest(rotations), 1.0, gains=gains)
-    psi, _ = attitude_error(flight.states.rotation, np.eye(3), gains.rotation)
-    omega = flight.states.rate
-    energy = 0.5 * np.sum(omega * (omega @ QUADROTOR.inertia), axis=-1) + psi
-    assert np.diff(energy, axis=0).max() < 1e-12
-    # A trapezoidal sum over 2 ms: h^2/12 times a bend of the integrand of about a thousand.
-    lost = np.trapezoid(np.sum(gains.rate * omega**2, axis=-1), dx=2e-3, axis=0)
-    assert np.allclose(energy[0] - energy[-1], lost, rtol=2e-3)
+    for motion in turn_only(Rotation.random(20, random_state=4).as_matrix(), 1.0, gains=UNEVEN):
+        psi = np.array([errors(pose, np.eye(3), UNEVEN.rotation)[0] for pose in motion.poses])
+        omega = motion.velocities
+        energy = 0.5 * np.sum(omega * (omega @ QUADROTOR.inertia), axis=-1) + psi
+        assert np.diff(energy).max() < 1e-12
+        # A trapezoidal sum over 2 ms: h^2/12 times a bend of the integrand of about a thousand.
+        lost = np.trapezoid(np.sum(UNEVEN.rate * omega**2, axis=-1), dx=2e-3)
+        assert np.isclose(energy[0] - energy[-1], lost, rtol=2e-3)
 
 
 def test_stiffness_per_axis_is_the_gradient_of_its_error_function() -> None:
     """``e_R = K phi`` near the goal; ``dPsi = e_R . d`` for a turn ``R exp(d)`` anywhere."""
     stiffness, desired = np.array([8.0, 3.0, 12.0]), Rotation.random(random_state=1).as_matrix()
     small = 1e-6 * np.array([1.0, -2.0, 0.5])
-    psi, error = attitude_error(desired @ so3.exp(small), desired, stiffness)
+    psi, error = errors(desired @ so3.exp(small), desired, stiffness)
     assert np.allclose(error, stiffness * small, rtol=1e-5)
     assert psi == pytest.approx(0.5 * small @ (stiffness * small), rel=1e-3)
     rotation, step = Rotation.random(random_state=2).as_matrix(), 1e-5
-    _, error = attitude_error(rotation, desired, stiffness)
-    ahead, behind = (attitude_error(rotation @ so3.exp(s * step * np.eye(3)), desired, stiffness)[0] for s in (1, -1))
-    assert np.allclose((ahead - behind) / (2 * step), error, atol=1e-8)
-
-
-def test_gains_per_axis_make_each_axis_a_pendulum_of_its_own() -> None:
-    flight = turn_only(QuadrotorState.at_rest(so3.exp(2.0 * np.eye(3))), 1.0, gains=UNEVEN)
-    for axis in range(3):
-        inertia, k, c = QUADROTOR.inertia[axis, axis], UNEVEN.rotation[axis], UNEVEN.rate[axis]
-        exact = solve_ivp(
-            lambda _, y, k=k, c=c, inertia=inertia: [y[1], (-k * np.sin(y[0]) - c * y[1]) / inertia],
-            (0.0, 1.0),
-            [2.0, 0.0],
-            "DOP853",
-            flight.times,
-            rtol=1e-12,
-            atol=1e-12,
-        ).y[0]
-        assert np.allclose(so3.log(flight.states.rotation[:, axis])[:, axis], exact, atol=1e-8)
+    ahead, behind = (
+        np.array([errors(rotation @ turn, desired, stiffness)[0] for turn in so3.exp(s * step * np.eye(3))])
+        for s in (1, -1)
+    )
+    assert np.allclose((ahead - behind) / (2 * step), errors(rotation, desired, stiffness)[1], atol=1e-8)
 
 
 def test_gains_of_position_act_on_the_axes_of_the_world() -> None:
-    start = QuadrotorState(np.array([0.3, -0.2, 0.1]), np.array([0.1, 0.4, -0.2]), np.eye(3), np.zeros(3))
-    axis = GeometricController(QUADROTOR, Hover(), UNEVEN).command(0.0, start).rotation[:, 2]
-    force = np.array([0.0, 0.0, QUADROTOR.weight]) - UNEVEN.position * start.position - UNEVEN.velocity * start.velocity
-    assert np.allclose(axis, force / np.linalg.norm(force), atol=1e-14)
-    flight = fly(QUADROTOR, GeometricController(QUADROTOR, Hover(), UNEVEN), start, 4.0, 1e-2)
-    assert np.linalg.norm(flight.states.position[-1]) < 0.01
+    place, speed = np.array([0.3, -0.2, 0.1]), np.array([0.1, 0.4, -0.2])
+    controller = GeometricController(QUADROTOR, hover(), UNEVEN)
+    force, desired, *_ = (value.full() for value in controller.command(0.0, place, speed, np.eye(3), STILL))
+    expected = np.array([0.0, 0.0, QUADROTOR.mass * 9.81]) - UNEVEN.position * place - UNEVEN.velocity * speed
+    assert np.allclose(force.ravel(), expected, rtol=1e-14)
+    assert np.allclose(desired[:, 2], expected / np.linalg.norm(expected), atol=1e-14)
+    motion = flown(controller, np.eye(3), place, 4.0, 1e-2, speed)
+    assert np.linalg.norm(motion.poses[-1, :3, 3]) < 0.01
 
 
-def test_three_gains_that_are_alike_are_one() -> None:
-    alike = GeometricGains(*(np.full(3, gain) for gain in vars(GAINS).values()))
-    start = QuadrotorState.at_rest(so3.exp(np.array([0.9, -0.4, 0.3])), (0.3, -0.2, 0.4))
-    commands = [GeometricController(QUADROTOR, Lissajous(), gains).control(0.3, start) for gains in (GAINS, alike)]
-    assert np.array_equal(commands[0][1], commands[1][1]) and commands[0][0] == commands[1][0]
-
-
-GOAL = Hover((0.0, 0.0, 10.0))
-
-
-def away(flight) -> np.ndarray:
-    """Distance from the goal at the end; infinite for a vehicle that was lost."""
-    distance = np.linalg.norm(flight.states.position[-1] - GOAL.point, axis=-1)
-    return np.where(flight.lost, np.inf, distance)
-
-
-@pytest.mark.parametrize("kind", [GeometricController, EulerAnglePid])
+@pytest.mark.parametrize("kind", [GeometricController, EulerAngleController])
 def test_both_recover_from_rest_upside_down_and_from_small_tilts(kind) -> None:
-    starts = so3.exp(np.radians([[178.0, 0.0, 0.0], [20.0, 0.0, 0.0], [0.0, -25.0, 0.0], [10.0, 10.0, 40.0]]))
-    flight = fly(REAL, kind(REAL, GOAL), QuadrotorState.at_rest(starts, GOAL.point), 6.0, 1e-2)
-    assert (away(flight) < 0.02).all()
-
-
-def test_a_vehicle_that_spins_too_fast_is_reported_as_lost() -> None:
-    start = QuadrotorState(
-        np.zeros((2, 3)), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.diag([1.0, 80.0, 0])[:2]
-    )
-    flight = fly(QUADROTOR, Idle(), start, 0.1, 1e-2)
-    assert flight.lost.tolist() == [False, True]
-    assert np.isfinite(flight.states.rotation).all()
-    assert np.array_equal(flight.states.position[-1, 1], np.zeros(3))
+    goal = np.array([0.0, 0.0, 10.0])
+    controller = kind(REAL, hover(goal))
+    for start in np.radians([[178.0, 0.0, 0.0], [20.0, 0.0, 0.0], [0.0, -25.0, 0.0], [10.0, 10.0, 40.0]]):
+        motion = flown(controller, so3.exp(start), goal, 6.0, 1e-2)
+        assert np.linalg.norm(motion.poses[-1, :3, 3] - goal) < 0.02
 
 
 def test_euler_rates_are_derivatives_of_euler_angles() -> None:
     rng = np.random.default_rng(8)
     rotation, omega, step = so3.exp(rng.uniform(-0.8, 0.8, 3)), rng.normal(size=3), 1e-6
-    ahead, behind = (roll_pitch_yaw(rotation @ so3.exp(s * step * omega)) for s in (1, -1))
-    assert np.allclose(angle_rates(roll_pitch_yaw(rotation), omega), (ahead - behind) / (2 * step), atol=1e-8)
-    assert np.allclose(roll_pitch_yaw(rotation)[::-1], Rotation.from_matrix(rotation).as_euler("ZYX"), atol=1e-13)
+    here, ahead, behind = (ca.DM(euler_angles(rotation @ so3.exp(s * step * omega))).full() for s in (0, 1, -1))
+    assert np.allclose(euler_rates(ca.DM(here), ca.DM(omega)).full(), (ahead - behind) / (2 * step), atol=1e-8)
+    assert np.allclose(here.ravel(), roll_pitch_yaw(rotation), atol=1e-14)
+    assert np.allclose(here.ravel()[::-1], Rotation.from_matrix(rotation).as_euler("ZYX"), atol=1e-13)
 
 
-class Idle:
-    def control(self, time, state):
-        return np.zeros(()), np.zeros(3)
+def test_limits_bound_thrust_and_moments() -> None:
+    """A controller that asks for 1 kN upside down, and for moments of 1 kN.m."""
+    limited = QUADROTOR.limited(lift=2.0, moment=0.5)
+    asks = SimpleNamespace(control=lambda s: (1e3, ca.DM([1e3, -1e3, 0.0])), quadrotor=limited)
+    motion = flown(asks, np.eye(3), STILL, 0.01, 1e-3)
+    assert motion.velocities[-1, 2] == pytest.approx(9.81 * 0.01, rel=1e-3)
+    assert np.allclose(
+        motion.velocities[-1, 3:5], np.array([0.5, -0.5]) / np.diag(limited.inertia)[:2] * 0.01, rtol=1e-3
+    )
 
 
-def test_a_free_body_keeps_its_momentum_and_falls_on_a_parabola_to_order_four() -> None:
-    omega = np.array([3.0, -5.0, 4.0])
-    start = QuadrotorState(np.zeros(3), np.array([1.0, 0.0, 2.0]), np.eye(3), omega)
-    drifts = []
-    for step in (4e-3, 2e-3):
-        flight = fly(QUADROTOR, Idle(), start, 1.0, step)
-        momentum = np.einsum("kij,kj->ki", flight.states.rotation, flight.states.rate @ QUADROTOR.inertia)
-        drifts.append(np.abs(momentum - momentum[0]).max())
-        fall = start.velocity - 0.5 * np.array([0.0, 0.0, 9.81])
-        assert np.allclose(flight.states.position[-1], fall, atol=1e-12)
-    assert drifts[1] < 1e-9
-    assert 3.7 < np.log2(drifts[0] / drifts[1]) < 5.5
-
-
-def test_a_lissajous_curve_has_its_own_derivatives() -> None:
-    curve, t, step = Lissajous(), 0.7, 1e-5
-    ahead, behind, here = curve.at(t + step), curve.at(t - step), curve.at(t)
-    for values in ("position", "heading"):
-        slope = (getattr(ahead, values) - getattr(behind, values))[:-1] / (2 * step)
-        assert np.allclose(slope, getattr(here, values)[1:], atol=1e-7)
-
-
-class Parallel:
-    def at(self, time):
-        return FlatOutput(np.zeros((5, 3)), np.array([[0.0, 0.0, 1.0], [0.0] * 3, [0.0] * 3]))
-
-
-def test_a_batch_of_no_vehicles_flies() -> None:
-    none = QuadrotorState.at_rest(np.zeros((0, 3, 3)))
-    assert fly(QUADROTOR, GeometricController(QUADROTOR, Hover()), none, 0.01).lost.shape == (0,)
+def test_a_force_along_the_heading_or_of_zero_leaves_the_attitude_undefined() -> None:
+    parallel = GeometricController(QUADROTOR, hover(heading=(0.0, 0.0, 1.0)))
+    above = np.array([0.0, 0.0, QUADROTOR.mass * 9.81 / GAINS.position])
+    for controller, place in ((parallel, STILL), (GeometricController(QUADROTOR, hover()), above)):
+        assert np.isnan(controller.command(0.0, place, STILL, np.eye(3), STILL)[1].full()).any()
 
 
 def test_bad_input_is_refused() -> None:
@@ -270,40 +220,21 @@ def test_bad_input_is_refused() -> None:
         Quadrotor(0.0, np.eye(3))
     with pytest.raises(InputError, match="a positive definite matrix"):
         Quadrotor(1.0, np.diag([1.0, 1.0, -0.1]))
-    with pytest.raises(InputError, match="symmetric"):
-        Quadrotor(1.0, np.eye(3) + np.triu(np.ones((3, 3)), 1))
     with pytest.raises(InputError, match="thrust"):
         Quadrotor(1.0, np.eye(3), (1.0, 1.0))
     with pytest.raises(InputError, match="moment"):
         QUADROTOR.limited(2.0, -1.0)
     with pytest.raises(InputError, match="rate: got -1"):
         GeometricGains(1.0, 1.0, 1.0, -1.0)
-    with pytest.raises(InputError, match="rotation: got .* a positive number, or three of them"):
+    with pytest.raises(InputError, match="rotation: got shape"):
         GeometricGains(1.0, 1.0, np.ones(2), 1.0)
     with pytest.raises(InputError, match="velocity: got"):
         GeometricGains(1.0, np.array([1.0, 0.0, 1.0]), 1.0, 1.0)
-    with pytest.raises(InputError, match="integral: got -1"):
-        EulerGains(integral=-1.0)
     with pytest.raises(InputError, match="point"):
-        Hover((0.0, np.nan, 0.0))
-    with pytest.raises(InputError, match="heading: .* a direction"):
-        Hover(heading=(0.0, 0.0, 0.0))
-    with pytest.raises(InputError, match="step"):
-        fly(QUADROTOR, Idle(), QuadrotorState.at_rest(np.eye(3)), 1.0, 0.0)
-    with pytest.raises(InputError):
-        QuadrotorState.at_rest(2.0 * np.eye(3))
-    with pytest.raises(InputError, match="position"):
-        QuadrotorState.at_rest(np.eye(3), (np.nan, 0.0, 0.0))
+        hover((0.0, np.nan, 0.0))
     with pytest.raises(InputError, match="frequency"):
-        Lissajous(frequency=(1.0, np.inf, 0.0))
+        lissajous(frequency=(1.0, np.inf, 0.0))
     with pytest.raises(InputError, match=r"amplitude: got shape \(2,\)"):
-        Lissajous(amplitude=(1.0, 2.0))  # type: ignore[arg-type]
+        lissajous(amplitude=(1.0, 2.0))
     with pytest.raises(InputError, match="yaw_rate: .* finite"):
-        Lissajous(yaw_rate=np.nan)
-    state = QuadrotorState.at_rest(np.eye(3))
-    with pytest.raises(InputError, match="heading: got parallel"):
-        GeometricController(QUADROTOR, Parallel()).control(0.0, state)
-    # So far above the goal that the desired force vanishes.
-    above = QuadrotorState.at_rest(np.eye(3), (0.0, 0.0, QUADROTOR.weight / GAINS.position))
-    with pytest.raises(InputError, match="desired force of zero"):
-        GeometricController(QUADROTOR, Hover()).control(0.0, above)
+        lissajous(yaw_rate=np.nan)

@@ -3,10 +3,8 @@
 from lgmpc.costs.activations import (
     Activation,
     Huber,
-    OfNorm,
     Quadratic,
     QuadraticBarrier,
-    SmoothTwoNorm,
 )
 from lgmpc.costs.parameters import Parameter, ParameterLayout
 from lgmpc.costs.residual import (
@@ -33,12 +31,10 @@ __all__ = [
     "LeastSquares",
     "MissingQuantityError",
     "Parameter",
-    "OfNorm",
     "ParameterLayout",
     "Quadratic",
     "QuadraticBarrier",
     "Residual",
-    "SmoothTwoNorm",
     "StageSymbols",
     "constraint_of",
     "cost_of",

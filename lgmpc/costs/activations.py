@@ -1,4 +1,4 @@
-"""Activations: the cost of a residual, one scalar function applied to each of its entries, or to its norm.
+"""Activations: the cost of a residual, one scalar function applied to each of its entries.
 
 An activation is a frozen dataclass whose fields are its parameters: numbers, arrays, or CasADi expressions, either one
 for all entries or a column with one for each. In a :class:`~lgmpc.costs.CostItem` they become named parameters of the
@@ -21,10 +21,8 @@ from lgmpc.typing import numbers
 __all__ = [
     "Activation",
     "Huber",
-    "OfNorm",
     "Quadratic",
     "QuadraticBarrier",
-    "SmoothTwoNorm",
 ]
 
 
@@ -33,12 +31,9 @@ class Activation(ABC):
     """A scalar function of one residual entry, with its derivatives; all methods act on the entries of a column.
 
     Attributes:
-        joint: whether it is a function of all entries together (:class:`OfNorm`), and has one weight and one value of
-            each field for all of them.
         sign: values that the fields can have; see :class:`~lgmpc.costs.Parameter`.
     """
 
-    joint: ClassVar[bool] = False
     sign: ClassVar[Literal["any", "not negative", "positive"]] = "any"
 
     @abstractmethod
@@ -59,14 +54,12 @@ class Activation(ABC):
         Raises:
             InputError: a field has the wrong number of values.
         """
-        size = 1 if self.joint else size
         found = []
         for field in fields(self):
             name = f"{prefix}_{field.name}"
             values = numbers(name, getattr(self, field.name))
             if values.shape not in ((), (size,)):
-                expected = "a number" if self.joint else f"a number or shape {(size,)}"
-                raise InputError(name, f"shape {values.shape}", expected)
+                raise InputError(name, f"shape {values.shape}", f"a number or shape {(size,)}")
             meaning = f"{field.name} of the {type(self).__name__} activation"
             found.append(Parameter(name, size, meaning, values, self.sign))
         return tuple(found)
@@ -154,55 +147,3 @@ class Huber(Activation):
     def curvature(self, r: Any) -> Any:
         """Return one up to the threshold, zero beyond."""
         return ca.if_else(ca.fabs(r) <= self.threshold, 1.0, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class OfNorm(Activation):
-    """A concave function ``rho`` of the squared norm ``s = r^T r`` of the whole residual.
-
-    Its gradient is ``2 rho'(s) r``. ``2 rho'(s)`` in each entry bounds its Hessian from above, because rho is concave:
-    iteratively reweighted least squares (Triggs et al., Bundle Adjustment, 2000, section 4.3). The item has one weight,
-    not one for each entry.
-    """
-
-    joint = True
-
-    @abstractmethod
-    def rho(self, s: Any) -> Any:
-        """Return ``rho(s)``."""
-
-    @abstractmethod
-    def slope(self, s: Any) -> Any:
-        """Return ``rho'(s)``, not negative, and not growing with s."""
-
-    def value(self, r: Any) -> Any:
-        """Return ``rho(s)``, in equal parts in each entry."""
-        return self.rho(ca.sumsqr(r)) / r.shape[0] * type(r).ones(*r.shape)
-
-    def gradient(self, r: Any) -> Any:
-        """Return ``2 rho'(s) r``."""
-        return 2 * self.slope(ca.sumsqr(r)) * r
-
-    def curvature(self, r: Any) -> Any:
-        """Return ``2 rho'(s)`` in each entry."""
-        return 2 * self.slope(ca.sumsqr(r)) * type(r).ones(*r.shape)
-
-
-@dataclass(frozen=True, eq=False)
-class SmoothTwoNorm(OfNorm):
-    """``sqrt(r^T r + epsilon)``: the norm, smoothed over a width of ``sqrt(epsilon)``.
-
-    Attributes:
-        epsilon: positive.
-    """
-
-    epsilon: Any = 1.0
-    sign = "positive"
-
-    def rho(self, s: Any) -> Any:
-        """Return the smoothed norm."""
-        return ca.sqrt(s + self.epsilon)
-
-    def slope(self, s: Any) -> Any:
-        """Return half its reciprocal."""
-        return 0.5 / self.rho(s)

@@ -188,22 +188,18 @@ class _Item:
             if np.isnan(values).any():
                 raise InputError(f"{field} of '{self.name}'", "NaN", "numbers")
             shape = values.shape
-            if shape not in ((), (self._rows,)):
-                expected = "a number" if self._rows == 1 else f"a number or shape {(self._rows,)}"
+            if shape not in ((), (rows,)):
+                expected = "a number" if rows == 1 else f"a number or shape {(rows,)}"
                 raise InputError(f"{field} of '{self.name}'", f"shape {shape}", expected)
         for parameter in self.parameters():
             parameter.check_sign(np.asarray(parameter.default, dtype=np.float64))
-
-    @property
-    def _rows(self) -> int:
-        """Number of values that each of its own fields has."""
-        return self.residual.nr
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""
         inner = (replace(p, name=f"{self.name}_{p.name}") for p in self.residual.parameters)
         fields = (
-            Parameter(f"{self.name}_{key}", self._rows, text, getattr(self, key), self.sign) for key, text in self.own
+            Parameter(f"{self.name}_{key}", self.residual.nr, text, getattr(self, key), self.sign)
+            for key, text in self.own
         )
         return (*inner, *fields)
 
@@ -226,14 +222,14 @@ class _Item:
 
 @dataclass(frozen=True, eq=False)
 class CostItem(_Item):
-    """A residual as a cost: ``sum_i weight_i a(r_i)``, or ``weight a(r)`` with an activation of the norm.
+    """A residual as a cost: ``sum_i weight_i a(r_i)``.
 
     At the last node it counts as the terminal cost if it is a function of the state alone.
 
     Attributes:
         name: a C identifier, first part of the names of its parameters.
         residual: r.
-        weight: default of the parameter ``<name>_weight`` (nr,); a number with an activation of the norm.
+        weight: default of the parameter ``<name>_weight`` (nr,).
         activation: a; its fields are defaults of parameters too.
 
     Raises:
@@ -250,11 +246,6 @@ class CostItem(_Item):
             got = type(self.activation).__name__
             raise InputError(f"activation of '{self.name}'", got, "an Activation, as lgmpc.costs.Huber()")
         super().__post_init__()
-
-    @property
-    def _rows(self) -> int:
-        """Number of values that the weight has."""
-        return 1 if self.activation.joint else self.residual.nr
 
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters, called ``<name>_<parameter>``."""

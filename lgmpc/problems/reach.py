@@ -15,8 +15,8 @@ from lgmpc.actions import FreeForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.costs.library import (
+    ContactControlGravity,
     Control,
-    ControlGravity,
     FrameRotation,
     FrameTranslation,
     ShapePairDistance,
@@ -144,7 +144,7 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     limits = CostItem("limits", StateError(state), w.limits, barrier)
     running = [
         CostItem("posture", StateError(state, robot.x_reference), np.repeat([w.posture, w.velocity], nu)),
-        CostItem("effort", ControlGravity(nu), w.effort),
+        CostItem("effort", ContactControlGravity(nu), w.effort),
         limits,
     ]
     bounds = ConstraintItem("effort_limit", Control(nu), -robot.effort_limit, robot.effort_limit)

@@ -19,7 +19,7 @@ from lgmpc.actions import (
     RungeKutta4,
     Variational,
 )
-from lgmpc.costs import ConstraintItem, CostItem, SmoothTwoNorm
+from lgmpc.costs import ConstraintItem, CostItem, Huber
 from lgmpc.costs.library import ContactForce, Control, FramePlacement, FrameTranslation, StateError
 from lgmpc.ocp.functions import lagrangian_hessian, terminal_hessian
 from lgmpc.state import State
@@ -47,7 +47,7 @@ def robot() -> pin.Model:
 def costs(state: State, forces: bool) -> list[CostItem]:
     found = [
         CostItem("foot", FramePlacement("sole"), 0.5),
-        CostItem("heel", FrameTranslation("heel", np.ones(3)), 0.7, SmoothTwoNorm()),
+        CostItem("heel", FrameTranslation("heel", np.ones(3)), 0.7, Huber(0.5)),
     ]
     return [*found, CostItem("force", ContactForce("sole"), 1e-2)] if forces else found
 

@@ -17,7 +17,6 @@ from lgmpc.costs import (
     Quadratic,
     QuadraticBarrier,
     Residual,
-    SmoothTwoNorm,
     StageSymbols,
     constraint_of,
     cost_of,
@@ -123,41 +122,6 @@ def test_activation_and_its_derivatives(activation: Any, value: Any) -> None:
         assert (got[2] >= 0).all()
 
 
-@pytest.mark.parametrize(
-    ("activation", "value"),
-    [
-        (SmoothTwoNorm(0.25), lambda s: np.sqrt(s + 0.25)),
-    ],
-    ids=lambda value: type(value).__name__,
-)
-def test_an_activation_of_the_norm_has_its_gradient_and_a_bound_of_its_hessian(activation: Any, value: Any) -> None:
-    n = 3
-    layout = ParameterLayout(*activation.parameters("c", n))
-    assert layout.size == 1
-    r, p = ca.SX.sym("r", n), ca.SX.sym("p", layout.size)
-    bound = activation.bind("c", layout.split(p))
-    total = ca.sum1(bound.value(r))
-    hessian, gradient = ca.hessian(total, r)
-    function = ca.Function("a", [r, p], [total, bound.gradient(r), bound.curvature(r), gradient, hessian])
-    for point in (np.zeros(n), [1e-8, 0.0, 0.0], [0.3, -0.4, 0.1], [-2.0, 2.5, 1.0], [1e3, -1e3, 2.0]):
-        here = np.asarray(point, dtype=np.float64)
-        mine, first, second, exact, bounded = (each.full() for each in function(here, layout.default))
-        np.testing.assert_allclose(mine.item(), value(here @ here), rtol=1e-13, atol=1e-15)
-        np.testing.assert_allclose(first, exact, rtol=1e-12, atol=1e-15)
-        scale = 1.0 + np.abs(bounded).max()
-        assert np.linalg.eigvalsh(np.diag(second.ravel()) - bounded).min() > -1e-12 * scale
-        assert (second >= 0.0).all()
-
-
-def test_a_norm_has_one_weight() -> None:
-    item = CostItem("speeds", Speeds(), 3.0, SmoothTwoNorm(0.01))
-    assert [(each.name, each.size) for each in item.parameters()] == [("speeds_weight", 1), ("speeds_epsilon", 1)]
-    with pytest.raises(InputError, match=r"weight of 'speeds': got shape \(2,\); expected a number"):
-        CostItem("speeds", Speeds(), [1.0, 2.0], SmoothTwoNorm())
-    with pytest.raises(InputError, match=r"speeds_epsilon: got shape \(2,\); expected a number"):
-        CostItem("speeds", Speeds(), 1.0, SmoothTwoNorm([0.1, 0.2]))
-
-
 def test_huber_is_quadratic_up_to_its_threshold_and_linear_beyond() -> None:
     """At the threshold itself the quadratic holds, in the second derivative too."""
     r = ca.SX.sym("r", 5)
@@ -179,7 +143,6 @@ def test_bad_input_is_named() -> None:
         CostItem("c", Speeds(), activation=Huber([1.0, 2.0, 3.0])).parameters()
     for activation, name in (
         (Huber([-0.1, 1.0]), "threshold"),
-        (SmoothTwoNorm(0.0), "epsilon"),
         (QuadraticBarrier(1.0, [2.0, -1.0]), "lower"),
     ):
         with pytest.raises(InputError, match=f"c_{name}: got"):

@@ -3,7 +3,6 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -16,7 +15,6 @@ from lgmpc.costs import (
     Quadratic,
     QuadraticBarrier,
     Residual,
-    SmoothTwoNorm,
 )
 from lgmpc.costs.library import (
     CentroidalMomentum,
@@ -175,25 +173,6 @@ def residuals(crocoddyl: Any, state: Any) -> dict[str, tuple[Residual, Any]]:
             crocoddyl.ResidualModelFrameVelocity(state, frame, pin.Motion(six), pin.LOCAL, 12),
         ),
     }
-
-
-@pytest.mark.parametrize(
-    ("activation", "name", "arguments"),
-    [
-        (SmoothTwoNorm(0.3), "ActivationModelSmooth2Norm", (0.3,)),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_activations_of_the_norm(crocoddyl: Any, activation: Activation, name: str, arguments: Any) -> None:
-    """Their Hessians differ: ours bound the exact ones, Crocoddyl's are exact or approximate, by model."""
-    twin = getattr(crocoddyl, name)(3, *arguments)
-    data = twin.createData()
-    for r in np.random.default_rng(4).normal(size=(5, 3)):
-        twin.calc(data, r)
-        twin.calcDiff(data, r)
-        column = ca.DM(r)
-        np.testing.assert_allclose(float(ca.sum1(activation.value(column))), data.a_value, rtol=1e-12)
-        np.testing.assert_allclose(activation.gradient(column).full().ravel(), data.Ar, rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["com", "momentum", "placement", "rotation", "translation", "velocity"])

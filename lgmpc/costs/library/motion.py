@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from abc import abstractmethod
+from typing import Any, ClassVar
 
 import casadi as ca
 import pinocchio as pin
@@ -22,7 +23,6 @@ __all__ = [
     "CoMVelocity",
     "ContactControlGravity",
     "Control",
-    "ControlGravity",
     "FramePlacement",
     "FrameRotation",
     "FrameRotationMatrix",
@@ -56,11 +56,27 @@ class StateError(Residual):
 
 
 class _Difference(Residual):
-    """A quantity minus its reference."""
+    """A quantity minus its reference.
 
-    def __init__(self, size: int, meaning: str, reference: ArrayLike) -> None:
-        self.nr = size
-        self.parameters = (Parameter("reference", size, meaning, reference),)
+    Args:
+        nu: number of entries.
+        reference: default of the parameter ``reference``.
+    """
+
+    meaning: ClassVar[str]
+    """Description of the parameter."""
+
+    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
+        self.nr = nu
+        self.parameters = (Parameter("reference", nu, self.meaning, reference),)
+
+    @abstractmethod
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the column from which the reference is subtracted."""
+
+    def expression(self, s: StageSymbols) -> Any:
+        """Return the difference."""
+        return self.quantity(s) - s["reference"]
 
 
 class Control(_Difference):
@@ -71,12 +87,11 @@ class Control(_Difference):
         reference: default of the parameter ``reference``.
     """
 
-    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "reference of the control", reference)
+    meaning = "reference of the control"
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.u - s["reference"]
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the control."""
+        return s.u
 
 
 class JointPosition(_Difference):
@@ -87,12 +102,11 @@ class JointPosition(_Difference):
         reference: default of the parameter ``reference``.
     """
 
-    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "reference of the joint positions, rad", reference)
+    meaning = "reference of the joint positions, rad"
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.q[s.robot.nq - self.nr :] - s["reference"]
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the positions."""
+        return s.q[s.robot.nq - self.nr :]
 
 
 class JointAcceleration(_Difference):
@@ -103,31 +117,15 @@ class JointAcceleration(_Difference):
         reference: default of the parameter ``reference``.
     """
 
-    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        super().__init__(nu, "reference of the joint accelerations, rad/s2", reference)
+    meaning = "reference of the joint accelerations, rad/s2"
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.a[s.robot.nv - self.nr :] - s["reference"]
-
-
-class ControlGravity(Residual):
-    """Efforts of the actuated joints minus those that balance gravity without contacts (nu,), N.m (N).
-
-    Args:
-        nu: number of actuated joints.
-    """
-
-    def __init__(self, nu: int) -> None:
-        self.nr = nu
-
-    def expression(self, s: StageSymbols) -> Any:
-        """Return ``tau - g(q)``."""
-        return s.tau - s.robot.gravity(s.q)[s.robot.nv - self.nr :]
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the accelerations."""
+        return s.a[s.robot.nv - self.nr :]
 
 
 class ContactControlGravity(Residual):
-    """Efforts of the actuated joints minus those that balance gravity and the contact forces at rest (nu,).
+    """Efforts of the actuated joints minus those that balance gravity and the contact forces, if any, at rest (nu,).
 
     Args:
         nu: number of actuated joints.
@@ -137,7 +135,7 @@ class ContactControlGravity(Residual):
         self.nr = nu
 
     def expression(self, s: StageSymbols) -> Any:
-        """Return ``tau - (g(q) - sum of J^T f)``."""
+        """Return ``tau - (g(q) - sum of J^T f)``, N.m (N)."""
         held = s.robot.rnea(s.q, ca.SX.zeros(s.robot.nv), None, s.forces)
         return s.tau - held[s.robot.nv - self.nr :]
 
@@ -149,12 +147,14 @@ class CoMPosition(_Difference):
         reference: default of the parameter ``reference``.
     """
 
-    def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(3, "reference of the centre of mass, world, m", reference)
+    meaning = "reference of the centre of mass, world, m"
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.com - s["reference"]
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        super().__init__(3, reference)
+
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the centre of mass."""
+        return s.com
 
 
 class CoMVelocity(_Difference):
@@ -164,12 +164,14 @@ class CoMVelocity(_Difference):
         reference: default of the parameter ``reference``.
     """
 
-    def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(3, "reference of the velocity of the centre of mass, world, m/s", reference)
+    meaning = "reference of the velocity of the centre of mass, world, m/s"
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.robot.vcom(s.q, s.v) - s["reference"]
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        super().__init__(3, reference)
+
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the velocity."""
+        return s.robot.vcom(s.q, s.v)
 
 
 class CentroidalMomentum(_Difference):
@@ -179,12 +181,14 @@ class CentroidalMomentum(_Difference):
         reference: default of the parameter ``reference``.
     """
 
-    def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(6, "reference of the centroidal momentum, world axes", reference)
+    meaning = "reference of the centroidal momentum, world axes"
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.momentum - s["reference"]
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        super().__init__(6, reference)
+
+    def quantity(self, s: StageSymbols) -> Any:
+        """Return the momentum."""
+        return s.momentum
 
 
 _IDENTITY = (0.0, 0.0, 0.0, 1.0)

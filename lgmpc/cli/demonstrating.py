@@ -67,8 +67,6 @@ def _print_table(demo: Demo, outcome: Outcome, written: list[Path]) -> None:
     rows = [_cells(row) for row in outcome.rows]
     marks = ["good" if row.agrees else "bad" for row in outcome.rows]
     show_table(Table(("quantity", "predicted", "measured", "off by", "allowed", ""), rows, marks))
-    if outcome.details:
-        console.print(Text(f"\n{outcome.details}\n"))
     for remark in outcome.remarks:
         console.print(Text(remark))
     verdict = Text("AGREES", "bold green") if outcome.agrees else Text("DIFFERS", "bold red")
@@ -94,6 +92,5 @@ def _json(demo: Demo, outcome: Outcome) -> str:
         "agrees": outcome.agrees,
         "rows": [{**asdict(row), "agrees": row.agrees} for row in outcome.rows],
         "remarks": list(outcome.remarks),
-        **({"details": outcome.details.splitlines()} if outcome.details else {}),
     }
     return json.dumps(json_values(content), indent=2, allow_nan=False) + "\n"

@@ -140,7 +140,6 @@ class Outcome:
         bodies: moving bodies of the scene.
         paths: lines of the scene.
         remarks: a sentence each.
-        details: further measurements, a table for the terminal.
         floor: whether the ground, z = 0, is part of the scene; else the scene is drawn above one.
     """
 
@@ -150,7 +149,6 @@ class Outcome:
     bodies: tuple[Body, ...] = ()
     paths: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
-    details: str = ""
     floor: bool = False
 
     @property

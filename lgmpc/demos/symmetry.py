@@ -15,7 +15,7 @@ from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
 from lgmpc.mechanics import (
     HEIGHT,
     UP,
-    LeftEulerPoincare,
+    EulerPoincare,
     LeftSymmetry,
     Motion,
     SpatialInertia,
@@ -38,7 +38,7 @@ class _Case:
     """A system, and the dimension of its symmetry group, counted by hand."""
 
     name: str
-    system: LeftEulerPoincare
+    system: EulerPoincare
     symmetries: int
 
 

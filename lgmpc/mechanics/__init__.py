@@ -2,7 +2,7 @@
 
     groups, euler_poincare, lie_poisson   equations of motion and brackets on any group, momentum maps
     symmetry         Noether's theorem
-    integrators      Runge-Kutta, variational, and a comparison of their drifts
+    integrators      Runge-Kutta and variational
     rollout          compiled steps, thousands in a call
     rigid_body       free bodies and heavy tops as Euler-Poincare systems
     torque_free, lagrange_top   closed forms of tops, Poinsot's construction
@@ -21,21 +21,19 @@ from lgmpc.mechanics.connection import Connection
 from lgmpc.mechanics.euler_poincare import (
     Advected,
     EulerPoincare,
-    LeftEulerPoincare,
     Motion,
-    RightEulerPoincare,
     Symbols,
     munthe_kaas,
 )
-from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, body_momentum, extended_poses, spatial_momentum
-from lgmpc.mechanics.integrators import compare_integrators, discrete_euler_poincare, drift_table, moser_veselov
+from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup, body_momentum, spatial_momentum
+from lgmpc.mechanics.integrators import discrete_euler_poincare, moser_veselov
 from lgmpc.mechanics.lagrange_top import LagrangeTop
 from lgmpc.mechanics.lie_poisson import SE3_DUAL, SEMIDIRECT_DUAL, SO3_DUAL, LiePoisson
 from lgmpc.mechanics.phases import Cat, ThreeLink
 from lgmpc.mechanics.rigid_body import HEIGHT, UP, SpatialInertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.symmetry import LeftSymmetry, conserved_dimension
 from lgmpc.mechanics.torque_free import EulerTop, Poinsot
-from lgmpc.mechanics.underwater import UnderwaterVehicle, speed_under_force, spheroid_added_mass, terminal_speed
+from lgmpc.mechanics.underwater import UnderwaterVehicle, spheroid_added_mass
 
 __all__ = [
     "HEIGHT",
@@ -52,31 +50,24 @@ __all__ = [
     "EulerPoincare",
     "EulerTop",
     "LagrangeTop",
-    "LeftEulerPoincare",
     "LeftSymmetry",
     "LieGroup",
     "LiePoisson",
     "Motion",
     "Poinsot",
-    "RightEulerPoincare",
     "SpatialInertia",
     "Symbols",
     "ThreeLink",
     "UnderwaterVehicle",
     "body_momentum",
     "check_inertia",
-    "compare_integrators",
     "conserved_dimension",
     "discrete_euler_poincare",
-    "drift_table",
-    "extended_poses",
     "free_body",
     "heavy_top",
     "moser_veselov",
     "munthe_kaas",
     "spatial_momentum",
-    "speed_under_force",
     "spheroid_added_mass",
-    "terminal_speed",
     "torque_free_body",
 ]

@@ -1,15 +1,15 @@
 r"""Euler-Poincare equations on any matrix group, from a reduced Lagrangian written as an expression.
 
-A Lagrangian that is invariant under left or right multiplication of the pose by a constant element is a function of one
-velocity in the Lie algebra. With ``s = 1`` for left and ``s = -1`` for right reduction, and an advected quantity ``a``
-(such as gravity's direction in body axes),
+A Lagrangian that is invariant under left multiplication of the pose by a constant element is a function of the body
+velocity, in the Lie algebra. With an advected quantity ``a`` (such as gravity's direction in body axes),
 
-    g' = g xi (left),  g' = xi g (right)
-    mu' = s coadjoint(xi) mu - s K(a)^T dl/da + F,    mu = dl/dxi,    F the generalised force
-    a'  = -s K(a) xi,                                 K(a) xi = d/de act(exp(e xi), a)
+    g'  = g xi
+    mu' = coadjoint(xi) mu - K(a)^T dl/da + F,    mu = dl/dxi,    F the generalised force
+    a'  = -K(a) xi,                               K(a) xi = d/de act(exp(e xi), a)
 
-``-K^T dl/da`` is the diamond product of dl/da and a. Derivatives are CasADi's. F is the sum of body and spatial forces
-and of a potential's, ``-(T_e L_g)^* dV`` on the left (chapter 4.7.5, sign corrected), ``-(T_e R_g)^* dV`` on the right.
+``-K^T dl/da`` is the diamond product of dl/da and a. Derivatives are CasADi's. F is the sum of a body force and of a
+potential's, ``-(T_e L_g)^* dV`` (chapter 4.7.5, sign corrected). A system that is reduced from the right, ``g' = xi g``
+(ideal fluids, chapter 4.4.7), is that of the inverse element with the velocity ``-xi``.
 
 Chapter 4.2 to 4.6 and 4.17; Poincare, "Sur une forme nouvelle des equations de la mecanique", C. R. Acad. Sci. 132
 (1901); Marsden and Ratiu, "Introduction to mechanics and symmetry" (1999), 13.5; Holm, Marsden, Ratiu, "The
@@ -21,7 +21,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -31,7 +31,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import frozen
-from lgmpc.mechanics.groups import LieGroup, body_momentum, spatial_momentum
+from lgmpc.mechanics.groups import LieGroup, spatial_momentum
 from lgmpc.mechanics.rollout import rollout, runge_kutta4
 from lgmpc.typing import Array
 
@@ -39,14 +39,15 @@ __all__ = [
     "Advected",
     "EulerPoincare",
     "Expression",
-    "LeftEulerPoincare",
     "Method",
     "Motion",
-    "RightEulerPoincare",
     "Symbols",
     "munthe_kaas",
     "state_of",
 ]
+
+
+_INPUTS = ["time", "pose", "velocity", "advected", "parameters"]
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Symbols:
     Attributes:
         time: s.
         pose: (size, size) group element; not for the Lagrangian, which is reduced.
-        velocity: (dim,) body velocity under left reduction, spatial under right.
+        velocity: (dim,) body velocity.
         advected: (m,) advected quantity.
         parameters: (p,) constants of the system.
     """
@@ -66,6 +67,11 @@ class Symbols:
     velocity: Any
     advected: Any
     parameters: Any
+
+    @property
+    def arguments(self) -> list[Any]:
+        """The attributes in order."""
+        return [self.time, self.pose, self.velocity, self.advected, self.parameters]
 
     @property
     def state(self) -> Any:
@@ -84,7 +90,7 @@ Expression = Callable[[Symbols], Any]
 
 @dataclass(frozen=True)
 class Advected:
-    """A quantity in the Lagrangian that is constant in the world (left reduction) or in the body (right reduction).
+    """A quantity in the Lagrangian that is constant in the world.
 
     Attributes:
         size: number of components.
@@ -103,7 +109,7 @@ class Motion:
     Attributes:
         times: (n,) s.
         poses: (n, size, size) group elements.
-        velocities: (n, dim) in the trivialisation of the system.
+        velocities: (n, dim) of the body.
         advected: (n, m).
     """
 
@@ -120,12 +126,9 @@ Method = Callable[["EulerPoincare"], ca.Function]
 def munthe_kaas(system: EulerPoincare) -> ca.Function:
     """Return the classical fourth-order step in the exponential chart around its initial pose.
 
-    With ``g = g0 exp(z)`` (left), ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is transformed by exp(z), so
-    that poses stay in the group and advected quantities in its orbit. Munthe-Kaas, "High order Runge-Kutta
-    methods on manifolds", Applied Numerical Mathematics 29 (1999).
-
-    Args:
-        system: any.
+    With ``g = g0 exp(z)``, ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is transformed by exp(z), so that
+    poses stay in the group and advected quantities in its orbit. Munthe-Kaas, "High order Runge-Kutta methods on
+    manifolds", Applied Numerical Mathematics 29 (1999).
     """
     s, h, dim = system.symbols(), ca.SX.sym("step"), system.group.dim
 
@@ -133,7 +136,7 @@ def munthe_kaas(system: EulerPoincare) -> ca.Function:
         z, velocity = y[:dim], y[dim:]
         pose, advected = system.move(s.pose, z), system.carry(s.advected, z)
         rate = system.acceleration(s.time + elapsed, pose, velocity, advected, s.parameters)
-        return ca.vertcat(system.chart_rate(z, velocity), rate)
+        return ca.vertcat(system.group.symbolic.right_jacobian_inverse(z) @ velocity, rate)
 
     end = runge_kutta4(slope, ca.vertcat(ca.SX.zeros(dim), s.velocity), h)
     z, velocity = end[:dim], end[dim:]
@@ -142,21 +145,17 @@ def munthe_kaas(system: EulerPoincare) -> ca.Function:
 
 @dataclass(frozen=True, eq=False)
 class EulerPoincare:
-    """A mechanical system on a group, reduced by left or right translations; see the module for the equations.
+    """A mechanical system on a group, reduced by left translations; see the module for the equations.
 
     Attributes:
-        sign: 1 for left reduction, -1 for right.
         name: a C identifier, part of the names of compiled functions.
         group: the configuration space.
         lagrangian: reduced Lagrangian l(velocity, advected; parameters), J.
         advected: the advected quantity, if any.
         potential: V(pose; parameters), J.
         body_force: (dim,) generalised force on the body velocity.
-        spatial_force: (dim,) generalised force on the spatial velocity.
         parameters: (p,) constants, which can change without recompilation.
     """
-
-    sign: ClassVar[int]
 
     name: str
     group: LieGroup
@@ -164,7 +163,6 @@ class EulerPoincare:
     advected: Advected | None = None
     potential: Expression | None = None
     body_force: Expression | None = None
-    spatial_force: Expression | None = None
     parameters: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
@@ -175,31 +173,12 @@ class EulerPoincare:
             raise InputError("lagrangian", "one that depends on the pose or on time", expected)
 
     def move(self, pose: Any, displacement: Any) -> Any:
-        """Return the pose displaced by exp(z), on the side of the reduction: ``g exp(z)`` or ``exp(z) g``."""
-        turn = self.group.symbolic.exp(displacement)
-        return self.group.symbolic.compose(*((pose, turn) if self.sign > 0 else (turn, pose)))
-
-    def chart_rate(self, displacement: Any, velocity: Any) -> Any:
-        """Return the rate of the displacement z from a fixed pose: ``Jr^-1(z) xi`` or ``Jl^-1(z) xi``."""
-        return self.group.symbolic.left_jacobian_inverse(-self.sign * displacement) @ velocity
-
-    def force(self, symbols: Symbols) -> Any:
-        """Return (dim,) the generalised force in the system's trivialisation, without the potential's.
-
-        On the left the body force plus the spatial force pulled back, ``Ad_g^T F``; on the right the reverse.
-        """
-        own, other = (self.body_force, self.spatial_force)[:: self.sign]
-        total = ca.SX.zeros(self.group.dim) if own is None else own(symbols)
-        if other is None:
-            return total
-        group = self.group.symbolic
-        back = group.adjoint(symbols.pose if self.sign > 0 else group.inverse(symbols.pose))
-        return total + back.T @ other(symbols)
+        """Return the pose displaced by z in the body, ``g exp(z)``."""
+        return self.group.symbolic.compose(pose, self.group.symbolic.exp(displacement))
 
     def noether_momenta(self, motion: Motion) -> Array:
-        """Return (n, dim) the momentum map of the reduction's translations: spatial on the left, body on the right."""
-        carried = spatial_momentum if self.sign > 0 else body_momentum
-        return carried(self.group, motion.poses, self.momenta(motion))
+        """Return (n, dim) the spatial momenta, the momentum map of left translations."""
+        return spatial_momentum(self.group, motion.poses, self.momenta(motion))
 
     def symbols(self) -> Symbols:
         """Return fresh symbols of the system's sizes."""
@@ -232,8 +211,8 @@ class EulerPoincare:
         return ca.substitute(ca.jacobian(moved, xi), xi, 0)
 
     def generalised_force(self, symbols: Symbols) -> Any:
-        """Return (dim,) the generalised force, including the potential's: ``-d/dz V(g exp(z))`` on the left."""
-        total = ca.SX.zeros(self.group.dim) + self.force(symbols)
+        """Return (dim,) the generalised force, including the potential's: ``-d/dz V(g exp(z))``."""
+        total = ca.SX.zeros(self.group.dim) + (0.0 if self.body_force is None else self.body_force(symbols))
         if self.potential is None:
             return total
         z = ca.SX.sym("z", self.group.dim)
@@ -241,19 +220,19 @@ class EulerPoincare:
         return total - ca.substitute(ca.gradient(self.potential(moved), z), z, 0)
 
     def carry(self, advected: Any, displacement: Any) -> Any:
-        """Return the advected quantity after a displacement of the pose by exp(displacement): ``act(exp(-s z), a)``."""
+        """Return the advected quantity after a displacement z of the body: ``act(exp(-z), a)``."""
         if self.advected is None:
             return advected
-        return self.advected.act(self.group.symbolic.exp(-self.sign * displacement), advected)
+        return self.advected.act(self.group.symbolic.exp(-displacement), advected)
 
     @functools.cached_property
     def loads(self) -> ca.Function:
-        """(time, pose, velocity, advected, parameters) -> (dim,) ``-s K(a)^T dl/da + F``, mu' without the bracket."""
+        """(time, pose, velocity, advected, parameters) -> (dim,) ``-K(a)^T dl/da + F``, mu' without the bracket."""
         s = self.symbols()
         total = self.generalised_force(s)
         if self.advected is not None:
-            total -= self.sign * self.generator(s.advected).T @ ca.gradient(self.reduced(s), s.advected)
-        return ca.Function(f"{self.name}_loads", _inputs(s), [ca.densify(total)], _INPUTS, ["load"])
+            total -= self.generator(s.advected).T @ ca.gradient(self.reduced(s), s.advected)
+        return self.function("loads", s, load=total)
 
     @functools.cached_property
     def acceleration(self) -> ca.Function:
@@ -262,12 +241,10 @@ class EulerPoincare:
         lagrangian = self.reduced(s)
         momentum = ca.gradient(lagrangian, s.velocity)
         generator = self.generator(s.advected)
-        rate = self.sign * self.group.symbolic.coadjoint(s.velocity) @ momentum + self.loads(*_inputs(s))
-        carried = ca.jacobian(momentum, s.advected) @ (-self.sign * generator @ s.velocity)
+        rate = self.group.symbolic.coadjoint(s.velocity) @ momentum + self.loads(*s.arguments)
+        carried = ca.jacobian(momentum, s.advected) @ (-generator @ s.velocity)
         mass = ca.densify(ca.jacobian(momentum, s.velocity))
-        return ca.Function(
-            f"{self.name}_acceleration", _inputs(s), [ca.ldl_solve(rate - carried, *ca.ldl(mass))], _INPUTS, ["rate"]
-        )
+        return self.function("acceleration", s, rate=ca.ldl_solve(rate - carried, *ca.ldl(mass)))
 
     @functools.cached_property
     def observables(self) -> ca.Function:
@@ -278,8 +255,13 @@ class EulerPoincare:
         energy = ca.dot(momentum, s.velocity) - lagrangian
         if self.potential is not None:
             energy += self.potential(s)
-        name, outputs = f"{self.name}_observables", [ca.densify(momentum), energy]
-        return ca.Function(name, _inputs(s), outputs, _INPUTS, ["momentum", "energy"])
+        return self.function("observables", s, momentum=momentum, energy=energy)
+
+    def function(self, name: str, s: Symbols, **outputs: Any) -> ca.Function:
+        """Return expressions as a function (time, pose, velocity, advected, parameters) with named outputs."""
+        return ca.Function(
+            f"{self.name}_{name}", s.arguments, [*map(ca.densify, outputs.values())], _INPUTS, [*outputs]
+        )
 
     def step(self, method: str, s: Symbols, h: Any, pose: Any, velocity: Any, advected: Any) -> ca.Function:
         """Return a method's step as a function (time, step, x, p) -> x_next, ``x = [vec(pose); velocity; advected]``.
@@ -297,11 +279,7 @@ class EulerPoincare:
         return ca.Function(f"{self.name}_{method}", inputs, [x_next], ["time", "step", "x", "p"], ["x_next"])
 
     @functools.cached_property
-    def _observer(self) -> StageKernel:
-        return StageKernel(self.observables)
-
-    @functools.cached_property
-    def _kernels(self) -> dict[Method, StageKernel]:
+    def _kernels(self) -> dict[Method | str, StageKernel]:
         return {}
 
     @typed
@@ -349,52 +327,30 @@ class EulerPoincare:
         return Motion(times, poses, rows[:, size * size : size * size + dim], rows[:, size * size + dim :])
 
     def momenta(self, motion: Motion) -> Array:
-        """Return (n, dim) ``dl/dxi`` along a motion: body momenta under left reduction, spatial ones under right."""
-        return self._observe(motion)[0]
+        """Return (n, dim) the body momenta ``dl/dxi`` along a motion."""
+        return self.along(motion, self.observables)[0]
 
     def energies(self, motion: Motion) -> Array:
         """Return (n,) ``<mu, xi> - l + V`` along a motion, J."""
-        return self._observe(motion)[1][:, 0]
+        return self.along(motion, self.observables)[1][:, 0]
 
-    def _observe(self, motion: Motion) -> tuple[Array, Array]:
-        count, dim = len(motion.times), self.group.dim
-        momentum, energy = np.empty((count, dim)), np.empty((count, 1))
-        self._observer.bind(
-            count,
-            time=motion.times[:, None],
-            pose=np.ascontiguousarray(motion.poses.transpose(0, 2, 1)).reshape(count, -1),
-            velocity=np.ascontiguousarray(motion.velocities),
-            advected=np.ascontiguousarray(motion.advected),
-            parameters=self.parameters,
-            momentum=momentum,
-            energy=energy,
-        )()
-        return momentum, energy
+    def along(self, motion: Motion, function: ca.Function) -> list[Array]:
+        """Return the values (n, size) along a motion of a function of the arguments of :attr:`acceleration`."""
+        if function.name() not in self._kernels:
+            self._kernels[function.name()] = StageKernel(function)
+        kernel, count = self._kernels[function.name()], len(motion.times)
+        poses = motion.poses.transpose(0, 2, 1).reshape(count, -1)
+        given = (motion.times[:, None], poses, motion.velocities, motion.advected)
+        inputs = dict(zip(_INPUTS, (*map(np.ascontiguousarray, given), self.parameters), strict=True))
+        outputs = {name: np.empty((count, size)) for name, size in kernel.output_sizes.items()}
+        kernel.bind(count, **inputs, **outputs)()
+        return list(outputs.values())
 
     def _check_mass(self, pose: Array, velocity: Array, advected: Array) -> None:
         s = self.symbols()
         curvature = ca.hessian(self.reduced(s), s.velocity)[0]
-        mass = ca.Function("mass", _inputs(s), [curvature])(0.0, pose, velocity, advected, self.parameters).full()
+        mass = ca.Function("mass", s.arguments, [curvature])(0.0, pose, velocity, advected, self.parameters).full()
         lowest = float(np.linalg.eigvalsh(mass)[0]) if np.isfinite(mass).all() else np.nan
         if not lowest > 0.0:
             expected = "a Lagrangian whose second derivative by the velocity is positive definite at the start"
             raise InputError("lagrangian", f"a second derivative with lowest eigenvalue {lowest:.3g}", expected)
-
-
-class LeftEulerPoincare(EulerPoincare):
-    """A system reduced by left translations: velocity and momentum in body axes (rigid bodies, chapter 4.4.7)."""
-
-    sign = 1
-
-
-class RightEulerPoincare(EulerPoincare):
-    """A system reduced by right translations: velocity and momentum in space (ideal fluids, chapter 4.4.7)."""
-
-    sign = -1
-
-
-_INPUTS = ["time", "pose", "velocity", "advected", "parameters"]
-
-
-def _inputs(s: Symbols) -> list[Any]:
-    return [s.time, s.pose, s.velocity, s.advected, s.parameters]

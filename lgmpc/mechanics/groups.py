@@ -30,7 +30,7 @@ from lgmpc.lie.symbolic import sek3 as symbolic_sek3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
 from lgmpc.typing import Array, numbers
 
-__all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "body_momentum", "extended_poses", "spatial_momentum"]
+__all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "body_momentum", "spatial_momentum"]
 
 
 @dataclass(frozen=True)
@@ -79,20 +79,7 @@ SO3 = LieGroup("so3", 3, 3, so3, symbolic_so3, checks.rotation)
 SE3 = LieGroup("se3", 6, 4, se3, symbolic_se3, checks.placement)
 """Placements; algebra: twist, linear first; dual: [linear; angular] momentum."""
 
-
-@typed
-def extended_poses(k: int) -> LieGroup:
-    """SE_k(3): a rotation and k columns; tangent (rotation, then one 3-vector a column).
-
-    Raises:
-        InputError: ``k`` is not positive.
-    """
-    if k < 1:
-        raise InputError("k", k, "a number of columns >= 1")
-    return LieGroup(f"se{k}3", 3 + 3 * k, 3 + k, sek3, symbolic_sek3, checks.extended_pose)
-
-
-SEMIDIRECT = extended_poses(1)
+SEMIDIRECT = LieGroup("se13", 6, 4, sek3, symbolic_sek3, checks.extended_pose)
 """SO(3) x R^3, semidirect, rotation first; elements of its dual are (body angular momentum, advected direction).
 
 Marsden, Ratiu, Weinstein, "Semidirect products and reduction in mechanics", Trans. AMS 281 (1984); chapter 4.17.

@@ -1,11 +1,10 @@
-r"""Integrators of Euler-Poincare systems and a comparison of their drifts (chapter 4.18).
+r"""Integrators of Euler-Poincare systems (chapter 4.18); ``lgmpc demo integrators`` compares their drifts.
 
     body = torque_free_body(np.diag([1.0, 2.0, 3.0]))
     motion = body.simulate(np.eye(3), np.array([1.0, 0.0, 0.8]), step=0.1, steps=10_000, method=moser_veselov)
-    print(drift_table(compare_integrators(body, np.eye(3), np.array([1.0, 0.0, 0.8]), step=0.1, steps=10_000)))
 
-The variational ones follow from a discrete Hamilton's principle, for a left-reduced system with ``l = 1/2 xi . G xi -
-U(a)``, or with a potential V(g) in place of the advected a. Both conserve the momenta of Noether's theorem to rounding;
+The variational ones follow from a discrete Hamilton's principle, for a system with ``l = 1/2 xi . G xi - U(a)``,
+or with a potential V(g) in place of the advected a. Both conserve the momenta of Noether's theorem to rounding;
 their energy error is bounded and of second order in the step. That of multibody robots is
 :class:`lgmpc.actions.Variational`.
 
@@ -19,23 +18,16 @@ for the full body problem", Comput. Methods Appl. Mech. Engrg. 196 (2007).
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.euler_poincare import EulerPoincare, LeftEulerPoincare, Method, Motion, Symbols, state_of
+from lgmpc.mechanics.euler_poincare import EulerPoincare, Symbols, state_of
 from lgmpc.mechanics.rollout import runge_kutta4
-from lgmpc.typing import Array
 
 __all__ = [
-    "Drift",
-    "compare_integrators",
     "discrete_euler_poincare",
-    "drift_table",
     "matrix_runge_kutta",
     "moser_veselov",
     "projected_runge_kutta",
@@ -60,12 +52,12 @@ def moser_veselov(system: EulerPoincare) -> ca.Function:
     the spatial momentum and also the energy to rounding: the orbit is exact, the time along it is not.
 
     Args:
-        system: left-reduced, on SO(3), without forces other than a potential's.
+        system: on SO(3), without forces other than a potential's.
 
     Raises:
         InputError: another system.
     """
-    if system.group.size != 3 or system.body_force is not None or system.spatial_force is not None:
+    if system.group.size != 3 or system.body_force is not None:
         raise InputError("system", "another", "a body that turns, on SO(3), under no forces but a potential's")
     s, h = system.symbols(), ca.SX.sym("step")
     inertia = _inertia(system, s)
@@ -97,9 +89,6 @@ def discrete_euler_poincare(system: EulerPoincare) -> ca.Function:
 
     Jl the left Jacobian of the exponential; the first equation is solved for xi by Newton's method.
 
-    Args:
-        system: left-reduced.
-
     Raises:
         InputError: another system.
     """
@@ -129,10 +118,8 @@ def _inertia(system: EulerPoincare, s: Symbols) -> Any:
     """Return (dim, dim) G.
 
     Raises:
-        InputError: the system is reduced from the right, or its kinetic energy is not that of a constant metric.
+        InputError: the kinetic energy is not that of a constant metric.
     """
-    if system.sign < 0:
-        raise InputError("system", "one that is reduced from the right", "one that is reduced from the left")
     momentum = ca.gradient(system.reduced(s), s.velocity)
     metric = ca.densify(ca.jacobian(momentum, s.velocity))
     rest = ca.substitute(momentum, s.velocity, 0)
@@ -150,11 +137,7 @@ def _solve3(matrix: Any, right: Any) -> Any:
 
 
 def matrix_runge_kutta(system: EulerPoincare) -> ca.Function:
-    """Return the classical fourth-order step on the entries of the pose, ignoring the group (chapter 4.18).
-
-    Args:
-        system: any.
-    """
+    """Return the classical fourth-order step on the entries of the pose, ignoring the group (chapter 4.18)."""
     s, h = system.symbols(), ca.SX.sym("step")
     return system.step("matrix_runge_kutta", s, h, *_by_entries(system, s, h))
 
@@ -176,9 +159,7 @@ def projected_runge_kutta(system: EulerPoincare) -> ca.Function:
     pose[:3, :3] = rotation
     advected = s.advected
     if system.advected is not None:
-        back = group.inverse(pose)
-        moved = group.compose(back, s.pose) if system.sign > 0 else group.compose(pose, group.inverse(s.pose))
-        advected = system.advected.act(moved, s.advected)
+        advected = system.advected.act(group.compose(group.inverse(pose), s.pose), s.advected)
     return system.step("projected_runge_kutta", s, h, pose, velocity, advected)
 
 
@@ -191,92 +172,8 @@ def _by_entries(system: EulerPoincare, s: Symbols, h: Any) -> tuple[Any, Any, An
 
     def slope(elapsed: Any, y: Any) -> Any:
         pose, velocity, advected = parts(y)
-        hat = group.hat(velocity)
-        turned = pose @ hat if system.sign > 0 else hat @ pose
+        turned = pose @ group.hat(velocity)
         rate = system.acceleration(s.time + elapsed, pose, velocity, advected, s.parameters)
-        return ca.vertcat(ca.vec(turned), rate, -system.sign * system.generator(advected) @ velocity)
+        return ca.vertcat(ca.vec(turned), rate, -system.generator(advected) @ velocity)
 
     return parts(runge_kutta4(slope, ca.vertcat(ca.vec(s.pose), s.velocity, s.advected), h))
-
-
-_METHODS: dict[str, Method] = {
-    "RK4 on matrix entries": matrix_runge_kutta,
-    "RK4, projected": projected_runge_kutta,
-    "discrete Euler-Poincare": discrete_euler_poincare,
-    "discrete Moser-Veselov": moser_veselov,
-}
-
-
-@dataclass(frozen=True)
-class Drift:
-    """The drift of one method.
-
-    Attributes:
-        method: its name.
-        motion: the computed motion.
-        energy: (n,) relative change of the energy; the change (J) if the initial energy is 0.
-        momentum: (n,) norm of the change of the spatial angular momentum over the initial norm; of its vertical
-            component under gravity.
-        orthogonality: (n,) Frobenius norm of ``R^T R - I``.
-        seconds: elapsed time, s, including compilation at the first call.
-    """
-
-    method: str
-    motion: Motion
-    energy: Array
-    momentum: Array
-    orthogonality: Array
-    seconds: float
-
-
-def compare_integrators(
-    system: LeftEulerPoincare,
-    rotation: Array,
-    velocity: Array,
-    advected: Array | None = None,
-    *,
-    step: float,
-    steps: int,
-) -> tuple[Drift, ...]:
-    """Return the drifts of RK4 on matrix entries, RK4 with projection, discrete Euler-Poincare and Moser-Veselov.
-
-    Args:
-        system: on SO(3): free, or under gravity, which is invariant under rotations about the vertical.
-        rotation: (3, 3) at the start.
-        velocity: (3,) body angular velocity at the start, rad/s.
-        advected: (m,) at the start, if the system has advected quantities.
-        step: s.
-        steps: their number.
-
-    Raises:
-        InputError: a system on another group, or as for :meth:`~lgmpc.mechanics.EulerPoincare.simulate`.
-    """
-    if system.group.size != 3:
-        raise InputError("system", f"on {system.group.name}", "a body that turns, on SO(3)")
-    drifts = []
-    for name, method in _METHODS.items():
-        begun = time.perf_counter()
-        motion = system.simulate(rotation, velocity, advected, step=step, steps=steps, method=method)
-        drifts.append(_measure(name, system, motion, time.perf_counter() - begun))
-    return tuple(drifts)
-
-
-def _measure(name: str, system: LeftEulerPoincare, motion: Motion, seconds: float) -> Drift:
-    energy = system.energies(motion)
-    # From the matrices without projection, so that they include the loss of orthogonality.
-    momentum = np.einsum("nij,nj->ni", motion.poses, system.momenta(motion))
-    kept = momentum if system.advected is None and system.potential is None else momentum[:, 2:]
-    change = (energy - energy[0]) / (abs(energy[0]) or 1.0)
-    lost = np.linalg.norm(kept - kept[0], axis=1) / (float(np.linalg.norm(kept[0])) or 1.0)
-    defect: Array = np.linalg.norm(np.swapaxes(motion.poses, 1, 2) @ motion.poses - np.eye(3), axis=(1, 2))
-    return Drift(name, motion, change, lost, defect, seconds)
-
-
-def drift_table(drifts: tuple[Drift, ...]) -> str:
-    """Return a table of the largest deviations, one line a method."""
-    lines = [f"{'method':<26}{'energy':>12}{'momentum':>12}{'|R^T R - I|':>14}{'seconds':>10}"]
-    for drift in drifts:
-        worst = (float(np.abs(values).max()) for values in (drift.energy, drift.momentum, drift.orthogonality))
-        energy, momentum, orthogonality = worst
-        lines.append(f"{drift.method:<26}{energy:>12.2e}{momentum:>12.2e}{orthogonality:>14.2e}{drift.seconds:>10.3f}")
-    return "\n".join(lines)

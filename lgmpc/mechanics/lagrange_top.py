@@ -26,7 +26,7 @@ from lgmpc.lie import checks, so3
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_inertia, check_positive
 from lgmpc.mechanics.elliptic import Modulus
-from lgmpc.mechanics.euler_poincare import LeftEulerPoincare
+from lgmpc.mechanics.euler_poincare import EulerPoincare
 from lgmpc.mechanics.groups import SO3
 from lgmpc.mechanics.rigid_body import heavy_top
 from lgmpc.typing import Array
@@ -98,7 +98,7 @@ class LagrangeTop:
         return np.diag([self.transverse, self.transverse, self.axial])
 
     @functools.cached_property
-    def system(self) -> LeftEulerPoincare:
+    def system(self) -> EulerPoincare:
         """The equations of motion; the initial advected direction is ``rotation.T @ UP``."""
         return heavy_top(self.inertia, np.array([0.0, 0.0, self.weight]), 1.0)
 

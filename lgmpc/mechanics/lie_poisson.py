@@ -1,7 +1,8 @@
 r"""Lie-Poisson mechanics: the bracket on the dual of a Lie algebra, Casimirs and symplectic leaves.
 
-    {F, G}(mu) = sign <mu, [dF, dG]>,      sign = -1 after left reduction, +1 after right
-    mu' = -sign coadjoint(dH) mu
+    {F, G}(mu) = -<mu, [dF, dG]>,      mu' = coadjoint(dH) mu
+
+after left reduction; after reduction from the right both have the opposite sign.
 
 Functions of mu are Python functions from a CasADi column to a CasADi scalar; so are brackets, which may be nested.
 Momenta are in the coordinates of the group: on se(3)*, [linear; angular]; on SE_k(3)* rotation first: on SE_1(3)* the
@@ -22,7 +23,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.errors import InputError
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup
 from lgmpc.typing import Array
 
@@ -39,19 +39,10 @@ class LiePoisson:
     Attributes:
         group: of the algebra.
         casimirs: functions whose bracket with any other is zero, by name.
-        sign: of the bracket, -1 (left reduction) or 1 (right).
-
-    Raises:
-        InputError: another sign.
     """
 
     group: LieGroup
     casimirs: tuple[tuple[str, Function], ...]
-    sign: int = -1
-
-    def __post_init__(self) -> None:
-        if self.sign not in (-1, 1):
-            raise InputError("sign", self.sign, "-1 (left reduction) or 1 (right reduction)")
 
     def differential(self, function: Function, mu: Any) -> Any:
         """Return (dim,) the derivative of a function at ``mu``, an element of the algebra (DM if ``mu`` is numeric)."""
@@ -60,17 +51,16 @@ class LiePoisson:
         return ca.Function("differential", [symbol], [slope])(mu)
 
     def bracket(self, f: Function, g: Function) -> Function:
-        """Return the function ``{f, g} = sign <mu, [df, dg]>`` (chapter 4.10.1)."""
+        """Return the function ``{f, g} = -<mu, [df, dg]>`` (chapter 4.10.1)."""
 
         def value(mu: Any) -> Any:
-            commutator = self.group.symbolic.ad(self.differential(f, mu)) @ self.differential(g, mu)
-            return self.sign * ca.dot(mu, commutator)
+            return -ca.dot(mu, self.group.symbolic.ad(self.differential(f, mu)) @ self.differential(g, mu))
 
         return value
 
     def field(self, hamiltonian: Function, mu: Any) -> Any:
-        """Return (dim,) ``mu' = -sign coadjoint(dH) mu``, for which ``F' = {F, H}`` (chapter 4.10.2)."""
-        return -self.sign * self.group.symbolic.coadjoint(self.differential(hamiltonian, mu)) @ mu
+        """Return (dim,) ``mu' = coadjoint(dH) mu``, for which ``F' = {F, H}`` (chapter 4.10.2)."""
+        return self.group.symbolic.coadjoint(self.differential(hamiltonian, mu)) @ mu
 
     def tensor(self, mu: Array) -> Array:
         """Return (dim, dim) the Poisson tensor B: ``{F, G} = dF^T B dG``, skew.
@@ -79,8 +69,7 @@ class LiePoisson:
             InputError: ``mu`` of another shape or not finite.
         """
         here = self.group.check_tangent("mu", mu)
-        columns = self.group.numeric.coadjoint(np.eye(self.group.dim)) @ here
-        tensor: Array = -self.sign * columns.T
+        tensor: Array = (self.group.numeric.coadjoint(np.eye(self.group.dim)) @ here).T
         return tensor
 
     def orbit_dimension(self, mu: Array, tolerance: float = 1e-9) -> int:

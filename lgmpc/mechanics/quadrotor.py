@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
-from lgmpc.mechanics.euler_poincare import LeftEulerPoincare, Symbols
+from lgmpc.mechanics.euler_poincare import EulerPoincare, Symbols
 from lgmpc.mechanics.rigid_body import SpatialInertia, free_body
 from lgmpc.typing import GRAVITY, Array, numbers
 
@@ -119,7 +119,7 @@ class Quadrotor:
         """Return the same vehicle with thrusts from 0 to ``lift`` times the weight, and bounded moments, N.m."""
         return replace(self, thrust=(0.0, lift * self.mass * GRAVITY), moment=moment)
 
-    def system(self, controller: Controller) -> LeftEulerPoincare:
+    def system(self, controller: Controller) -> EulerPoincare:
         """Return the controlled vehicle, within its limits; its velocity is the body twist, linear first."""
 
         def wrench(s: Symbols) -> Any:

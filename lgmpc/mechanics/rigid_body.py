@@ -16,7 +16,7 @@ from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
 from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
-from lgmpc.mechanics.euler_poincare import Advected, Expression, LeftEulerPoincare
+from lgmpc.mechanics.euler_poincare import Advected, EulerPoincare, Expression
 from lgmpc.mechanics.groups import SE3, SO3
 from lgmpc.typing import GRAVITY, Array, numbers
 
@@ -70,9 +70,7 @@ class SpatialInertia:
         return self.matrix[3:, 3:]
 
 
-def torque_free_body(
-    inertia: Array, *, body_force: Expression | None = None, spatial_force: Expression | None = None
-) -> LeftEulerPoincare:
+def torque_free_body(inertia: Array, *, body_force: Expression | None = None) -> EulerPoincare:
     """Euler's equations on SO(3), ``J w' = (J w) x w + tau``, from ``l = w^T J w / 2``.
 
     Chapter 4.5; Euler, "Du mouvement de rotation des corps solides autour d'un axe variable" (1765).
@@ -80,22 +78,20 @@ def torque_free_body(
     Args:
         inertia: (3, 3) about the centre of mass or the fixed point, body axes, kg.m^2.
         body_force: torque in body axes, N.m.
-        spatial_force: torque in world axes, N.m.
 
     Raises:
         InputError: an inertia that no body has.
     """
-    return LeftEulerPoincare(
+    return EulerPoincare(
         "torque_free_body",
         SO3,
         lambda s: _quadratic(s.velocity, s.parameters, 3),
         body_force=body_force,
-        spatial_force=spatial_force,
         parameters=check_inertia("inertia", inertia).ravel(),
     )
 
 
-def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEulerPoincare:
+def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> EulerPoincare:
     """A body with a fixed point under gravity: ``pi' = pi x w + g Gamma x (m c)``, ``Gamma' = Gamma x w``.
 
     On SO(3), from ``l = w^T J w / 2 - g (m c) . Gamma``; the advected quantity is ``Gamma = R^T e_3``, the
@@ -110,7 +106,7 @@ def heavy_top(inertia: Array, moment: Array, gravity: float = GRAVITY) -> LeftEu
         InputError: an inertia that no body has, a moment of another shape, or gravity that is no finite number.
     """
     weight = numbers("gravity", gravity, (), finite=True) * SO3.check_tangent("moment", moment)
-    return LeftEulerPoincare(
+    return EulerPoincare(
         "heavy_top",
         SO3,
         lambda s: _quadratic(s.velocity, s.parameters, 3) - ca.dot(s.parameters[9:], s.advected),
@@ -126,8 +122,7 @@ def free_body(
     *,
     potential: Expression | None = None,
     body_force: Expression | None = None,
-    spatial_force: Expression | None = None,
-) -> LeftEulerPoincare:
+) -> EulerPoincare:
     """Newton's and Euler's equations on SE(3), about any origin: ``G xi' = ad(xi)^T G xi + F``.
 
     From ``l = xi^T G xi / 2 - m g h``. The advected quantity is the height of points above the ground as a covector on
@@ -139,20 +134,18 @@ def free_body(
         gravity: m/s^2, downwards.
         potential: further potential energy, J.
         body_force: wrench [force; moment about the body frame's origin] in body axes, N, N.m.
-        spatial_force: wrench [force; moment about the world's origin] in world axes, N, N.m.
 
     Raises:
         InputError: gravity that is no finite number.
     """
     weight = inertia.mass * numbers("gravity", gravity, (), finite=True) * np.append(inertia.center, 1.0)
-    return LeftEulerPoincare(
+    return EulerPoincare(
         "free_body",
         SE3,
         lambda s: _quadratic(s.velocity, s.parameters, 6) - ca.dot(s.parameters[36:], s.advected),
         advected=Advected(4, lambda g, a: symbolic_se3.inverse(g).T @ a),
         potential=potential,
         body_force=body_force,
-        spatial_force=spatial_force,
         parameters=np.concatenate((inertia.matrix.ravel(), weight)),
     )
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
-from lgmpc.mechanics.euler_poincare import LeftEulerPoincare, Motion
+from lgmpc.mechanics.euler_poincare import EulerPoincare, Motion
 from lgmpc.typing import Array
 
 __all__ = ["LeftSymmetry", "conserved_dimension"]
@@ -39,7 +39,7 @@ class LeftSymmetry:
         system: Lagrangian and potential are considered, other forces are not.
     """
 
-    system: LeftEulerPoincare
+    system: EulerPoincare
 
     @functools.cached_property
     def rate(self) -> ca.Function:
@@ -56,16 +56,11 @@ class LeftSymmetry:
         if system.potential is not None:
             lagrangian -= system.potential(moved)
         slope = ca.substitute(ca.gradient(lagrangian, z), z, 0)
-        arguments = [s.time, s.pose, s.velocity, s.advected, s.parameters]
-        return ca.Function(f"{system.name}_symmetry", arguments, [ca.densify(slope)])
+        return system.function("symmetry", s, rate=slope)
 
     def rates(self, motion: Motion) -> Array:
         """Return (n, dim) the rate of the spatial momentum along a motion by Noether's theorem."""
-        count, size = len(motion.times), self.system.group.size
-        parameters = np.tile(self.system.parameters, (count, 1)).T
-        poses = motion.poses.transpose(1, 0, 2).reshape(size, count * size)
-        arguments = motion.times[None], poses, motion.velocities.T, motion.advected.T, parameters
-        return np.asarray(self.rate.map(count)(*arguments).full().T, dtype=np.float64)
+        return self.system.along(motion, self.rate)[0]
 
     def directions(self, motions: Sequence[Motion], tolerance: float = 1e-9) -> Array:
         """Return (k, dim) an orthonormal basis of the directions that are symmetries in all states of some motions.

@@ -101,16 +101,6 @@ class EulerTop:
         times: Array = np.arange(first, last + 1, dtype=np.float64) * interval - phase
         return times
 
-    @property
-    def circled_axis(self) -> Array:
-        """(3,) unit principal axis in the body, about which the body momentum revolves, on the momentum's side.
-
-        Raises:
-            InputError: the rotation is steady.
-        """
-        axis: Array = self._solution.axes[:, 2] * math.copysign(1.0, self._solution.amplitudes[2])
-        return axis
-
     def velocities(self, times: Array) -> Array:
         """Return (n, 3) body angular velocities at some times, rad/s."""
         t = _times(times)

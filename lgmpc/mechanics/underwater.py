@@ -26,12 +26,12 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_positive, frozen
-from lgmpc.mechanics.euler_poincare import Expression, LeftEulerPoincare, Symbols
+from lgmpc.mechanics.euler_poincare import EulerPoincare, Expression, Symbols
 from lgmpc.mechanics.groups import SE3
 from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.typing import GRAVITY, Array, numbers
 
-__all__ = ["UnderwaterVehicle", "speed_under_force", "spheroid_added_mass", "terminal_speed"]
+__all__ = ["UnderwaterVehicle", "spheroid_added_mass"]
 
 
 def _zeros(*shape: int) -> Callable[[], Array]:
@@ -114,7 +114,7 @@ class UnderwaterVehicle:
         damping = self.linear_damping + 2.0 * np.diag(self.quadratic_damping * np.abs(nu))
         return np.linalg.solve(mass, se3.coadjoint(nu) @ mass + turning - damping).astype(np.float64)
 
-    def system(self, wrench: Expression | None = None) -> LeftEulerPoincare:
+    def system(self, wrench: Expression | None = None) -> EulerPoincare:
         """Return the vehicle as an Euler-Poincare system on SE(3); its constants are parameters of the compiled code.
 
         Args:
@@ -135,7 +135,7 @@ class UnderwaterVehicle:
             drag += s.parameters[72:78] * ca.fabs(s.velocity) * s.velocity
             return -drag if wrench is None else wrench(s) - drag
 
-        return LeftEulerPoincare(
+        return EulerPoincare(
             "underwater_vehicle",
             SE3,
             lagrangian,
@@ -143,36 +143,6 @@ class UnderwaterVehicle:
             body_force=push,
             parameters=np.concatenate((matrices, self.quadratic_damping, lever, net)),
         )
-
-
-@typed
-def terminal_speed(force: float, linear: float, quadratic: float) -> float:
-    """Return the speed (m/s) at which damping ``linear v + quadratic v^2`` balances a force (N).
-
-    Raises:
-        InputError: a force that is not positive, or damping that is negative or zero.
-    """
-    return float(2.0 * check_positive("force", force, "N") / (linear + _root(force, linear, quadratic)))
-
-
-@typed
-def speed_under_force(times: ArrayLike, mass: float, force: float, linear: float, quadratic: float) -> Array:
-    """Return the speeds (m/s) from rest by ``mass v' = force - linear v - quadratic v^2``, in closed form.
-
-    Args:
-        times: s, any shape.
-        mass: with the added mass, kg.
-        force: N.
-        linear: N per m/s.
-        quadratic: N per (m/s)^2.
-
-    Raises:
-        InputError: a mass or force that is not positive, or damping that is negative or zero.
-    """
-    final, root = terminal_speed(force, linear, quadratic), _root(force, linear, quadratic)
-    decay = np.exp(-root / check_positive("mass", mass, "kg") * checks.finite("times", times))
-    speeds: Array = final * (1.0 - decay) / (1.0 + (root - linear) / (root + linear) * decay)
-    return speeds
 
 
 @typed
@@ -201,15 +171,6 @@ def spheroid_added_mass(length: float, diameter: float, density: float = 1000.0)
     flat = a**2 - b**2
     turning = displaced / 5.0 * flat**2 * (beta - alpha) / (2.0 * flat - (a**2 + b**2) * (beta - alpha))
     return np.array([displaced * alpha / (2.0 - alpha), across, across, 0.0, turning, turning])
-
-
-def _root(force: float, linear: float, quadratic: float) -> float:
-    for name, value in (("linear", linear), ("quadratic", quadratic)):
-        if not 0.0 <= value < math.inf:
-            raise InputError(name, value, "a number that is not negative")
-    if linear == quadratic == 0.0:
-        raise InputError("linear, quadratic", "0, 0", "damping: without it there is no terminal speed")
-    return math.sqrt(linear**2 + 4.0 * quadratic * force)
 
 
 def _square(name: str, value: ArrayLike) -> Array:

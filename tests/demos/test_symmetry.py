@@ -23,7 +23,7 @@ def test_what_is_symmetric_is_conserved() -> None:
 def test_a_force_that_is_not_in_the_lagrangian_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Friction breaks the Lagrangian's symmetries."""
     free, *others = symmetry._CASES
-    rough = free_body(symmetry._BOX, spatial_force=lambda s: ca.DM([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    rough = free_body(symmetry._BOX, body_force=lambda s: ca.DM([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0]))
     monkeypatch.setattr(symmetry, "_CASES", (replace(free, system=rough), *others))
     wrong = {row.quantity for row in symmetry.run().rows if not row.agrees}
     assert wrong == {"free: conserved momenta", "free: relative change of these"}

@@ -14,7 +14,7 @@ from lgmpc.mechanics import (
     SEMIDIRECT,
     SO3,
     UP,
-    LeftEulerPoincare,
+    EulerPoincare,
     LeftSymmetry,
     LieGroup,
     Motion,
@@ -31,7 +31,7 @@ BODY = SpatialInertia(1.5, np.array([0.1, 0.05, -0.2]), np.diag([0.1, 0.2, 0.25]
 GROUPS = pytest.mark.parametrize("group", [SO3, SE3, SEMIDIRECT], ids=lambda group: group.name)
 
 
-def several(system: LeftEulerPoincare, count: int = 3) -> list[Motion]:
+def several(system: EulerPoincare, count: int = 3) -> list[Motion]:
     """Motions from general starts."""
     rng = np.random.default_rng(5)
     size, dim = system.group.size, system.group.dim

@@ -72,7 +72,8 @@ def test_period_and_montgomerys_phase(moments: str, spin: str) -> None:
     exact = top(moments, spin)
     one = np.array([exact.period])
     velocities = exact.velocities(np.arange(2000) * exact.period / 2000)
-    unit, pole = velocities @ exact.inertia / exact.momentum, exact.circled_axis
+    unit, solution = velocities @ exact.inertia / exact.momentum, exact._solution
+    pole = solution.axes[:, 2] * math.copysign(1.0, solution.amplitudes[2])  # the axis that the momentum circles
     swept = np.cross(unit, np.cross(unit, velocities)) @ pole / (1.0 + unit @ pole)  # (1 - cos colatitude) d longitude
     angle = exact.period * (2.0 * exact.energy / exact.momentum - swept.mean())
     np.testing.assert_allclose(exact.velocities(one)[0], exact.velocity, atol=1e-11)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape, largest
 from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Cat, flip
 from lgmpc.typing import GRAVITY, Array
@@ -50,7 +50,7 @@ def run() -> Outcome:
             1e-9,
             "deg",
         ),
-        Row("shape at the end less shape at the start", 0.0, float(np.abs(shapes[-1] - shapes[0]).max()), 1e-12, "rad"),
+        Row("shape at the end less shape at the start", 0.0, largest(shapes[-1] - shapes[0]), 1e-12, "rad"),
         # Differences of poses give the velocities to second order in the interval.
         Row("largest angular momentum over that of the front half", 0.0, float(spin.max() / own.max()), 1e-5),
     ]
@@ -58,12 +58,12 @@ def run() -> Outcome:
         tuple(rows),
         panels=(
             Panel("Shape: bend of the spine", "r_x, rad", "r_y, rad", (Curve("", *shapes.T),), equal=True),
-            Panel("Attitude", "time, s", "turn about the spine, deg", (Curve("", times, np.degrees(turned)),)),
-            Panel(
+            Panel.over_time("Attitude", "turn about the spine, deg", Curve("", times, np.degrees(turned))),
+            Panel.over_time(
                 "Angular momentum",
-                "time, s",
                 "N.m.s",
-                (Curve("front half", times[1:], own), Curve("whole cat", times[1:], spin, dashed=True)),
+                Curve("front half", times[1:], own),
+                Curve("whole cat", times[1:], spin, dashed=True),
             ),
             _turns(cat, bend),
         ),

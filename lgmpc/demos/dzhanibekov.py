@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicHermiteSpline
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, Motion, torque_free_body
 from lgmpc.typing import Array
@@ -36,7 +36,7 @@ def run() -> Outcome:
     end = float(motion.times[-1])
     found, predicted = _crossings(inertia, motion), top.flips(end)
     energies, momenta = system.energies(motion), system.noether_momenta(motion)
-    drift = np.abs(momenta - momenta[0]).max() / top.momentum
+    drift = largest(momenta - momenta[0]) / top.momentum
     exact, turned = top.velocities(motion.times), top.rotations(motion.times[-1:])[0]
     rows = (
         Row("flips", float(len(predicted)), float(len(found)), 0.0),
@@ -44,26 +44,22 @@ def run() -> Outcome:
         Row("time between flips", top.flip_interval, float(np.mean(np.diff(found))), 1e-9, "s"),
         Row("rate at which a small tilt grows", _growth(inertia), _measured_growth(inertia), 1e-5, "1/s"),
         *(_stable_row(inertia, axis, name) for axis, name in ((1, "long"), (2, "short"))),
-        Row("angular velocity off the closed form", 0.0, float(np.abs(motion.velocities - exact).max()), 1e-8, "rad/s"),
+        Row("angular velocity off the closed form", 0.0, largest(motion.velocities - exact), 1e-8, "rad/s"),
         Row("attitude at the end off the closed form", 0.0, _angle(motion.poses[-1], turned), 1e-8, "rad"),
         Row("relative change of energy", 0.0, float(np.ptp(energies) / energies[0]), 1e-10),
-        Row("relative change of angular momentum", 0.0, float(drift), 1e-9),
+        Row("relative change of angular momentum", 0.0, drift, 1e-9),
     )
     panels = (
-        Panel(
+        Panel.over_time(
             "Angular velocity (dashed: elliptic)",
-            "time, s",
             "rad/s",
-            (
-                *(Curve(axis, motion.times[::20], motion.velocities[::20, i]) for i, axis in enumerate("xyz")),
-                *(Curve("", motion.times[::20], exact[::20, i], dashed=True) for i in range(3)),
-            ),
+            *Curve.each("xyz", motion.times[::20], motion.velocities[::20]),
+            *Curve.each(("", "", ""), motion.times[::20], exact[::20], dashed=True),
         ),
-        Panel(
+        Panel.over_time(
             "Direction of the stem",
-            "time, s",
             "cosine of its angle to the momentum",
-            (Curve("", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),),
+            Curve("", motion.times[::20], motion.poses[::20, :, 0] @ momenta[0] / top.momentum),
         ),
     )
     shown = slice(None, None, 25)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.mechanics import UP, LagrangeTop, Motion
 from lgmpc.typing import GRAVITY, Array, IntArray
 
@@ -37,10 +37,10 @@ def run() -> Outcome:
     system = _TOP.system
     energies, momenta = system.energies(nodding), system.noether_momenta(nodding)
     body = system.momenta(nodding)
-    scale = float(np.abs(momenta[0]).max())
+    scale = largest(momenta[0])
     start = _SIMO_WONG.start(0.3, 50.0)
     fast_top = _SIMO_WONG.system.simulate(*start, start[0].T @ UP, step=2.5e-4, steps=8000, every=20)
-    simo_wong = _off(fast_top, _SIMO_WONG.nutation(*start).cosines(fast_top.times))
+    simo_wong = largest(fast_top.advected[:, 2] - _SIMO_WONG.nutation(*start).cosines(fast_top.times))
     falls = tuple(_disturbed(ratio * _TOP.critical_spin) for ratio in (0.8, 1.2))
     rows = (
         Row("slow precession", slow, _precession(slow), 1e-8, "rad/s"),
@@ -48,7 +48,12 @@ def run() -> Outcome:
         Row("nutation: least tilt", nutation.tilts[0], float(tilts.min()), 1e-6, "rad"),
         Row("nutation: largest tilt", nutation.tilts[1], float(tilts[turns].max()), 1e-6, "rad"),
         Row("nutation: period", nutation.period, _period(nodding), 1e-7, "s"),
-        Row("tilt off its elliptic function", 0.0, _off(nodding, nutation.cosines(nodding.times)), 1e-8),
+        Row(
+            "tilt off its elliptic function",
+            0.0,
+            largest(nodding.advected[:, 2] - nutation.cosines(nodding.times)),
+            1e-8,
+        ),
         Row("the same, of Simo and Wong's top", 0.0, simo_wong, 1e-7),
         Row("upright, 0.8 of the critical spin: falls to", _TOP.fall(0.8 * _TOP.critical_spin), falls[0], 1e-4, "rad"),
         Row("the same: a tilt grows at", _TOP.sleeping_growth(0.8 * _TOP.critical_spin), _growth(), 1e-4, "1/s"),
@@ -61,24 +66,14 @@ def run() -> Outcome:
     axis = nodding.poses[:, :, 2]
     shown = slice(None, None, 10)
     panels = (
-        Panel(
+        Panel.over_time(
             "Released at rest: tilt (dashed: elliptic)",
-            "time, s",
             "deg",
-            (
-                Curve("", nodding.times, np.degrees(tilts)),
-                Curve(
-                    "", nodding.times[shown], np.degrees(np.arccos(nutation.cosines(nodding.times)))[shown], dashed=True
-                ),
-            ),
+            Curve("", nodding.times, np.degrees(tilts)),
+            Curve("", nodding.times[shown], np.degrees(np.arccos(nutation.cosines(nodding.times)))[shown], dashed=True),
         ),
         Panel("Path of the axis, from above", "x", "y", (Curve("", axis[:, 0], axis[:, 1]),), equal=True),
-        Panel(
-            "Falling from upright",
-            "spin / critical spin",
-            "greatest tilt, deg",
-            _bifurcation(),
-        ),
+        Panel("Falling from upright", "spin / critical spin", "greatest tilt, deg", _bifurcation()),
     )
     scene = 2.5
     return Outcome(
@@ -128,10 +123,6 @@ def _period(motion: Motion) -> float:
     roots = spline.roots(extrapolate=False)
     rising = roots[spline(roots, 1) > 0.0]
     return float((rising[-1] - rising[0]) / (len(rising) - 1))
-
-
-def _off(motion: Motion, cosines: Array) -> float:
-    return float(np.abs(motion.advected[:, 2] - cosines).max())
 
 
 def _disturbance(spin: float, tilt: float = 1e-3) -> tuple[Array, Array]:

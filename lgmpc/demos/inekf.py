@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape, largest
 from lgmpc.demos.simulated_trot import DOWN, SimulatedTrot, simulate_trot
 from lgmpc.estimation.inertial import ImuNoise, error_dynamics
 from lgmpc.estimation.invariant_ekf import MULTIPLICATIVE, RIGHT, ErrorForm, InvariantEkf
@@ -145,7 +145,7 @@ def _log_linear() -> float:
             ekf.predict(*sample, dt)
         if k % 20 == 0:
             error = estimate.error(true.pose, np.zeros(6))[:-6]
-            worst = max(worst, float(np.abs(error - expm(dynamics * dt * k) @ first).max()))
+            worst = max(worst, largest(error - expm(dynamics * dt * k) @ first))
     return worst
 
 
@@ -172,9 +172,9 @@ def _panels(right: list[_Run], quaternion: list[_Run]) -> tuple[Panel, ...]:
     )
     consistent = Curve("consistent", sparse, np.ones_like(sparse), dashed=True)
     return (
-        Panel("Tilt error from 45 degrees", "time, s", "deg", both("tilts"), log_y=True),
-        Panel("Velocity error from 1 m/s", "time, s", "m/s", both("speeds"), log_y=True),
-        Panel("Squared error over its freedom", "time, s", "NEES / freedom", (*ratios, consistent), log_y=True),
+        Panel.over_time("Tilt error from 45 degrees", "deg", *both("tilts"), log_y=True),
+        Panel.over_time("Velocity error from 1 m/s", "m/s", *both("speeds"), log_y=True),
+        Panel.over_time("Squared error over its freedom", "NEES / freedom", *ratios, consistent, log_y=True),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape, largest
 from lgmpc.lie import so3
 from lgmpc.mechanics import UP, EulerPoincare, Motion, heavy_top, torque_free_body
 from lgmpc.mechanics.integrators import (
@@ -71,18 +71,18 @@ def run() -> Outcome:
         Row("energy lost by RK4, h = 0.1 s", 1.24e-5, -float(classic.energy[-1]), 0.01e-5),
         Row("energy lost by RK4, h = 0.2 s", 3.9e-4, -float(free[0.2][0].energy[-1]), 0.03e-4),
         Row("order of that loss", 5.0, _order(free[0.2][0], classic, last=True), 0.1),
-        Row("orthogonality after projection", 0.0, _worst(projected.orthogonality), 1e-14),
+        Row("orthogonality after projection", 0.0, largest(projected.orthogonality), 1e-14),
     ]
     for drift in (euler_poincare, moser):
-        rows.append(Row(f"momentum drift, {drift.method}", 0.0, _worst(drift.momentum), ROUNDING))
-        rows.append(Row(f"orthogonality, {drift.method}", 0.0, _worst(drift.orthogonality), ROUNDING))
-    rows.append(Row("energy drift, discrete Moser-Veselov", 0.0, _worst(moser.energy), ROUNDING))
+        rows.append(Row(f"momentum drift, {drift.method}", 0.0, largest(drift.momentum), ROUNDING))
+        rows.append(Row(f"orthogonality, {drift.method}", 0.0, largest(drift.orthogonality), ROUNDING))
+    rows.append(Row("energy drift, discrete Moser-Veselov", 0.0, largest(moser.energy), ROUNDING))
     for index in (2, 3):
         coarse, fine = heavy[0.02][index], heavy[0.01][index]
         rows.append(Row(f"heavy top: order of the energy error, {fine.method}", 2.0, _order(coarse, fine), 0.1))
-        growth = _worst(fine.energy[-1000:]) / _worst(fine.energy[: len(fine.energy) // 10])
+        growth = largest(fine.energy[-1000:]) / largest(fine.energy[: len(fine.energy) // 10])
         rows.append(Row(f"that error, last 10 s over first 100 s, {fine.method}", 1.0, growth, 0.2))
-        rows.append(Row(f"heavy top: vertical momentum drift, {fine.method}", 0.0, _worst(fine.momentum), 1e-10))
+        rows.append(Row(f"heavy top: vertical momentum drift, {fine.method}", 0.0, largest(fine.momentum), 1e-10))
 
     shown = moser.motion
     return Outcome(
@@ -119,13 +119,9 @@ def _drifts(
     return drifts
 
 
-def _worst(values: Array) -> float:
-    return float(np.abs(values).max())
-
-
 def _order(coarse: _Drift, fine: _Drift, last: bool = False) -> float:
     """Return the exponent of a law h^p for the energy's error, between a step and half of it."""
-    errors = [abs(float(d.energy[-1])) if last else _worst(d.energy) for d in (coarse, fine)]
+    errors = [abs(float(d.energy[-1])) if last else largest(d.energy) for d in (coarse, fine)]
     return float(np.log2(errors[0] / errors[1]))
 
 

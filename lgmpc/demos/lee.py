@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape, largest
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics import HEIGHT, Symbols, torque_free_body
 from lgmpc.mechanics.quadrotor import (
@@ -87,11 +87,10 @@ def run() -> Outcome:
     panels = (
         swing,
         path,
-        Panel(
+        Panel.over_time(
             f"Distance from the goal, start {shown + 1}",
-            "time, s",
             "m",
-            tuple(
+            *(
                 Curve(name, f.times[: f.ends[shown]], f.away[shown, : f.ends[shown]])
                 for name, f in (("geometric", ours), ("Euler angles, until lost", theirs))
             ),
@@ -140,12 +139,9 @@ def _pendulum(times: Array, rotations: Array) -> tuple[Row, Panel]:
         atol=1e-13,
     ).y[0]
     angle = np.unwrap(_roll(rotations[0]))
-    row = Row("178 deg of roll, off the pendulum", 0.0, float(np.abs(angle - exact).max()), 1e-8, "rad")
-    curves = (
-        Curve("controlled body", times, np.degrees(angle)),
-        Curve("pendulum", times, np.degrees(exact), True),
-    )
-    return row, Panel("Recovery from 178 deg", "time, s", "roll, deg", curves)
+    row = Row("178 deg of roll, off the pendulum", 0.0, largest(angle - exact), 1e-8, "rad")
+    curves = Curve("controlled body", times, np.degrees(angle)), Curve("pendulum", times, np.degrees(exact), True)
+    return row, Panel.over_time("Recovery from 178 deg", "roll, deg", *curves)
 
 
 def _roll(rotations: Array) -> Array:
@@ -188,7 +184,7 @@ def _tracking() -> tuple[Row, Panel]:
     flown, goal = motion.poses[:, :3, 3], curve.map(len(motion.times))(motion.times[None])[0].full().T
     curves = (Curve("flown", flown[:, 0], flown[:, 1]), Curve("desired", goal[:, 0], goal[:, 1], True))
     panel = Panel("On a trajectory, from above", "x, m", "y, m", curves, equal=True)
-    return Row("distance from the trajectory in 3 s", 0.0, float(np.abs(flown - goal).max()), 1e-8, "m"), panel
+    return Row("distance from the trajectory in 3 s", 0.0, largest(flown - goal), 1e-8, "m"), panel
 
 
 def _flights(controller: Controller) -> _Flights:

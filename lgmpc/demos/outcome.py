@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from lgmpc.typing import Array
 
-__all__ = ["Body", "Curve", "Demo", "Outcome", "Panel", "Path", "Row", "Shape"]
+__all__ = ["Body", "Curve", "Demo", "Outcome", "Panel", "Path", "Row", "Shape", "largest"]
+
+
+def largest(values: Any) -> float:
+    """Return the largest absolute value."""
+    return float(np.abs(values).max())
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,11 @@ class Curve:
     y: Array
     dashed: bool = False
 
+    @staticmethod
+    def each(labels: str | tuple[str, ...], x: Array, columns: Array, dashed: bool = False) -> tuple[Curve, ...]:
+        """Return a curve for each column of (n, k), with a label each, such as "xyz"."""
+        return tuple(Curve(label, x, columns[:, i], dashed) for i, label in enumerate(labels))
+
 
 @dataclass(frozen=True)
 class Panel:
@@ -73,6 +86,11 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
     equal: bool = False
+
+    @classmethod
+    def over_time(cls, title: str, y_label: str, *curves: Curve, log_y: bool = False) -> Panel:
+        """Return axes over the time, s."""
+        return cls(title, "time, s", y_label, curves, log_y=log_y)
 
 
 @dataclass(frozen=True)

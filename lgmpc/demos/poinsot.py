@@ -10,7 +10,7 @@ import math
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, Motion, Poinsot, torque_free_body
 from lgmpc.typing import Array
@@ -47,7 +47,7 @@ def run() -> Outcome:
     rows = (
         Row("lowest point of contact from the centre", construction.distance, float(heights.min()), 1e-10),
         Row("highest point of contact from the centre", construction.distance, float(heights.max()), 1e-10),
-        Row("contact off the ellipsoid", 0.0, float(np.abs(ellipsoid - 1.0).max()), 1e-10),
+        Row("contact off the ellipsoid", 0.0, largest(ellipsoid - 1.0), 1e-10),
         Row("path on the plane, as long as the one on the body", on_body, on_plane, 1e-11),
         Row("inner radius of the herpolhode", low, float(radii.min()), 1e-8),
         Row("outer radius of the herpolhode", high, float(radii.max()), 1e-8),

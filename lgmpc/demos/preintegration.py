@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.estimation.inertial import (
     ImuNoise,
     IncrementRule,
@@ -159,7 +159,7 @@ def _position_error(period: float, rule: IncrementRule, exact: Array) -> float:
 def _constant_rates_error() -> float:
     rates = np.array([1.0, -2.0, 0.5, 2.0, -3.0, 9.0])
     end = propagate(_start(), exponential_increment(rates[:3], rates[3:], DURATION).pose, _DOWN, DURATION)
-    return float(np.abs(end - _solved(np.array([0.0, DURATION]), lambda _: rates)[-1]).max())
+    return largest(end - _solved(np.array([0.0, DURATION]), lambda _: rates)[-1])
 
 
 def _affine_defect() -> float:
@@ -170,7 +170,7 @@ def _affine_defect() -> float:
     def field(pose: Array) -> Array:
         return vector_field(pose, gyro, force, _DOWN)
 
-    return float(np.abs(field(x @ y) - field(x) @ y - x @ field(y) + x @ field(np.eye(5)) @ y).max())
+    return largest(field(x @ y) - field(x) @ y - x @ field(y) + x @ field(np.eye(5)) @ y)
 
 
 def _correction_error(motion: Preintegration, size: float) -> float:
@@ -203,11 +203,8 @@ def _monte_carlo() -> tuple[Array, Array, Array]:
 
 def _spread_panel(found: Array, predicted: Array) -> Panel:
     times: Array = PERIOD * np.arange(1.0, len(found) + 1.0)
-    curves = (
-        Curve("found", times, 1e3 * found[:, 8]),
-        Curve("predicted", times, 1e3 * predicted[:, 8], dashed=True),
-    )
-    return Panel(f"Noise of the height in {RUNS} runs", "time, s", "standard deviation, mm", curves)
+    curves = Curve("found", times, 1e3 * found[:, 8]), Curve("predicted", times, 1e3 * predicted[:, 8], dashed=True)
+    return Panel.over_time(f"Noise of the height in {RUNS} runs", "standard deviation, mm", *curves)
 
 
 def _slope(sizes: Array, errors: Array) -> float:

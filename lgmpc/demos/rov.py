@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ellipk
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics import Motion, discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import SpatialInertia
@@ -47,29 +47,25 @@ def run() -> Outcome:
     return Outcome(
         tuple(rows),
         panels=(
-            _rise_panel(rise, final),
-            Panel(
-                "Righting moment: roll of the robot, undamped",
-                "time, s",
-                "roll, deg",
-                (Curve("", swing.times, np.degrees(_roll(swing.poses))),),
+            Panel.over_time(
+                "The robot, 2 N of lift, released",
+                "speed upwards, m/s",
+                Curve("simulated", rise.times, rise.velocities[:, 2]),
+                Curve("terminal speed", rise.times[[0, -1]], np.array([final, final]), dashed=True),
             ),
-            Panel(
+            Panel.over_time(
+                "Righting moment: roll of the robot, undamped",
+                "roll, deg",
+                Curve("", swing.times, np.degrees(_roll(swing.poses))),
+            ),
+            Panel.over_time(
                 "Munk instability of the torpedo",
-                "time, s",
                 "sideways speed, m/s",
-                (
-                    Curve("simulated", torpedo.times[1:], slip[1:]),
-                    Curve("linearised", straight.times, slip[0] * np.exp(growth * straight.times), dashed=True),
-                ),
+                Curve("simulated", torpedo.times[1:], slip[1:]),
+                Curve("linearised", straight.times, slip[0] * np.exp(growth * straight.times), dashed=True),
                 log_y=True,
             ),
-            Panel(
-                "Path of the torpedo",
-                "x, m",
-                "y, m",
-                (Curve("", torpedo.poses[:, 0, 3], torpedo.poses[:, 1, 3]),),
-            ),
+            Panel("Path of the torpedo", "x, m", "y, m", (Curve("", *torpedo.poses[:, :2, 3].T),)),
         ),
         times=times,
         bodies=_scene(rise, torpedo.poses[shown], times),
@@ -94,7 +90,7 @@ def _rise(rows: list[Row]) -> tuple[Motion, float]:
     decay = np.exp(-root / (MASS + ADDED[2]) * motion.times)
     closed = final * (1.0 - decay) / (1.0 + (root - linear) / (root + linear) * decay)
     rows.append(Row("robot: terminal speed upwards, 2 N of lift", final, float(speeds[-1]), 1e-6, "m/s"))
-    rows.append(Row("robot: speed, off the closed form", 0.0, float(np.abs(speeds - closed).max()), 1e-9, "m/s"))
+    rows.append(Row("robot: speed, off the closed form", 0.0, largest(speeds - closed), 1e-9, "m/s"))
     return motion, final
 
 
@@ -135,9 +131,9 @@ def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
     norms, helicity = np.linalg.norm(body[:, :3], axis=1), np.einsum("ni,ni->n", body[:, :3], body[:, 3:])
     rows += [
         Row("torpedo: growth rate of the slip, simulated", growth, float(grown), 1e-3 * growth, "1/s"),
-        Row("torpedo: Casimir |p|, relative drift", 0.0, float(np.abs(norms / norms[0] - 1.0).max()), 1e-12),
-        Row("torpedo: Casimir p.l, drift", 0.0, float(np.abs(helicity - helicity[0]).max()), 1e-10, "N2.s2.m"),
-        Row("torpedo: spatial momentum, drift", 0.0, float(np.abs(space - space[0]).max()), 1e-10, "N.s"),
+        Row("torpedo: Casimir |p|, relative drift", 0.0, largest(norms / norms[0] - 1.0), 1e-12),
+        Row("torpedo: Casimir p.l, drift", 0.0, largest(helicity - helicity[0]), 1e-10, "N2.s2.m"),
+        Row("torpedo: spatial momentum, drift", 0.0, largest(space - space[0]), 1e-10, "N.s"),
     ]
     return motion, growth, early
 
@@ -145,15 +141,6 @@ def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
 def _roll(placements: Array) -> Array:
     angles: Array = np.arctan2(placements[:, 2, 1], placements[:, 1, 1])
     return angles
-
-
-def _rise_panel(motion: Motion, final: float) -> Panel:
-    ends = motion.times[[0, -1]]
-    curves = (
-        Curve("simulated", motion.times, motion.velocities[:, 2]),
-        Curve("terminal speed", ends, np.array([final, final]), dashed=True),
-    )
-    return Panel("The robot, 2 N of lift, released", "time, s", "speed upwards, m/s", curves)
 
 
 def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:

@@ -65,7 +65,7 @@ def run() -> Outcome:
         tuple(rows),
         panels=(
             _loops(),
-            Panel("Attitude over the loops", "time, s", "middle link, deg", (Curve("", times, np.degrees(angles)),)),
+            Panel.over_time("Attitude over the loops", "middle link, deg", Curve("", times, np.degrees(angles))),
             _scaling(connection, density),
             _curvature(connection),
         ),

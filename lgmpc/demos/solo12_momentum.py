@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.integrate import simpson
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.lie import se3
 from lgmpc.mechanics.rollout import runge_kutta4
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -70,7 +70,7 @@ def run() -> Outcome:
 
     free = momenta[: _PULL[0] + 1, 3:]
     rows = [
-        Row("angular momentum before the pull", 0.0, float(np.abs(free - free[0]).max()), 1e-9, "N.m.s"),
+        Row("angular momentum before the pull", 0.0, largest(free - free[0]), 1e-9, "N.m.s"),
         *[
             Row(f"linear momentum at the end, {axis}", float(linear[i]), float(momenta[-1, i]), 1e-9, "N.s")
             for i, axis in enumerate("xyz")
@@ -85,29 +85,15 @@ def run() -> Outcome:
     predicted = momenta[0, :3] + weight * t[:, None]
     predicted = predicted + _FORCE * np.clip(t - _PULL[0] * _STEP, 0.0, lasts)[:, None]
     trunk = np.array([pin.rpy.matrixToRpy(pin.XYZQUATToSE3(q[:7]).rotation) for q in flight.qs])
-    axes = tuple("xyz")
     panels = (
-        Panel(
+        Panel.over_time(
             "Linear momentum",
-            "time, s",
             "N.s",
-            (
-                *(Curve(axis, t, momenta[:, i]) for i, axis in enumerate(axes)),
-                *(Curve("", t, predicted[:, i], dashed=True) for i in range(3)),
-            ),
+            *Curve.each("xyz", t, momenta),
+            *Curve.each(("", "", ""), t, predicted, dashed=True),
         ),
-        Panel(
-            "Angular momentum about the centre of mass",
-            "time, s",
-            "N.m.s",
-            tuple(Curve(axis, t, momenta[:, 3 + i]) for i, axis in enumerate(axes)),
-        ),
-        Panel(
-            "Rotation of the trunk",
-            "time, s",
-            "deg",
-            tuple(Curve(n, t, np.degrees(trunk[:, i])) for i, n in enumerate(("roll", "pitch", "yaw"))),
-        ),
+        Panel.over_time("Angular momentum about the centre of mass", "N.m.s", *Curve.each("xyz", t, momenta[:, 3:])),
+        Panel.over_time("Rotation of the trunk", "deg", *Curve.each(("roll", "pitch", "yaw"), t, np.degrees(trunk))),
     )
     shown = slice(None, None, 20)
     return Outcome(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape
+from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.mechanics import (
     HEIGHT,
     UP,
@@ -82,8 +82,8 @@ def run() -> Outcome:
             Row(f"{case.name}: conserved momenta", len(directions), conserved_dimension(momenta), 0.0),
         ]
         if len(directions):
-            scale = max(float(np.abs(table).max()) for table in momenta)
-            drift = max(float(np.abs((table - table[0]) @ directions.T).max()) for table in momenta) / scale
+            scale = max(map(largest, momenta))
+            drift = max(largest((table - table[0]) @ directions.T) for table in momenta) / scale
             rows.append(Row(f"{case.name}: relative change of these", 0.0, drift, 1e-9))
         shown[case.name] = motions[0], momenta[0]
     rows += _falling(*shown["in gravity"])
@@ -129,8 +129,7 @@ def _falling(motion: Motion, momenta: Array) -> list[Row]:
 
 def _panel(name: str, motion: Motion, momenta: Array) -> Panel:
     labels = ("p_x", "p_y", "p_z", "L_x", "L_y", "L_z")[-momenta.shape[1] :]
-    curves = tuple(Curve(label, motion.times, momenta[:, i]) for i, label in enumerate(labels))
-    return Panel(f"Spatial momentum: {name}", "time, s", "N.s, N.m.s", curves)
+    return Panel.over_time(f"Spatial momentum: {name}", "N.s, N.m.s", *Curve.each(labels, motion.times, momenta))
 
 
 def _body(motion: Motion) -> Body:

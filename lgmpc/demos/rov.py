@@ -5,6 +5,7 @@ Chapter 4.12.4.
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 from scipy.special import ellipk
 
@@ -117,10 +118,13 @@ def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
     vehicle = UnderwaterVehicle(SpatialInertia(mass, np.zeros(3), inertia), added, buoyancy=mass * GRAVITY)
     m1, m2, turning = mass + added[0], mass + added[1], float(inertia[2, 2]) + added[5]
     growth = float(SPEED * np.sqrt(m1 * (m2 - m1) / (m2 * turning)))
-    mode = np.linalg.eigvals(vehicle.linearization(SPEED * np.eye(6)[0])).real.max()
+    system = vehicle.system()
+    s = system.symbols()
+    slope = system.function("slope", s, slope=ca.jacobian(system.acceleration(*s.arguments), s.velocity))
+    straight = slope(0.0, np.eye(4), SPEED * np.eye(6)[0], [], system.parameters)
+    mode = np.linalg.eigvals(straight.full()).real.max()
     rows.append(Row("torpedo: growth rate, closed form and eigenvalue", growth, float(mode), 1e-9, "1/s"))
 
-    system = vehicle.system()
     # On the growing mode, with a small rotation about the long axis.
     slip = TILT * SPEED
     start = np.eye(4), np.array([SPEED, slip, 0.0, 1e-3, 0.0, -growth * m2 * slip / (m1 * SPEED)])

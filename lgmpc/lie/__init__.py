@@ -11,11 +11,7 @@ Logarithms return rotation vectors of norm at most pi; at exactly pi, the one wi
 """
 
 from lgmpc.lie import attitude, quaternion, so3
-from lgmpc.lie.groups import Group, se3, sek3
+from lgmpc.lie.groups import se3, sek3
 from lgmpc.lie.poses import Poses
 
-__all__ = ["GROUPS", "Group", "Poses", "attitude", "quaternion", "se3", "sek3", "so3"]
-
-
-GROUPS: tuple[Group, ...] = (so3, se3, sek3)
-"""The matrix groups; the type checker verifies that each one satisfies the protocol."""
+__all__ = ["Poses", "attitude", "quaternion", "se3", "sek3", "so3"]

@@ -1,8 +1,6 @@
-"""The protocol of the matrix groups, and SE(3) and SE_k(3) on arrays with their arguments checked."""
+"""SE(3) and SE_k(3) on arrays, with their arguments checked."""
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 
@@ -12,45 +10,7 @@ from lgmpc.lie.checks import ArrayFunction, Check, checked
 from lgmpc.lie.coefficients import Array
 from lgmpc.lie.poses import ArrayPoses
 
-__all__ = ["CheckedPoses", "Group", "se3", "sek3"]
-
-
-class Group(Protocol):
-    """A Lie group of matrices: pure functions on single elements or on batches over leading axes.
-
-    Attributes:
-        exp: the element of a tangent vector.
-        log: the tangent vector of an element, rotation part of norm at most pi.
-        compose: the product of two elements.
-        inverse: the inverse element.
-        act: the action of an element on a vector of the space that the group acts on.
-        hat: the Lie algebra's matrix of a tangent vector.
-        vee: the tangent vector of a matrix of the Lie algebra.
-        adjoint: the matrix with ``hat(adjoint(g) x) = g hat(x) g^{-1}``.
-        ad: the matrix with ``ad(x) y = vee(hat(x) hat(y) - hat(y) hat(x))``.
-        coadjoint: ``ad(x)^T``.
-        force_cross: ``-ad(x)^T``.
-        left_jacobian: ``J`` with ``exp(x + e) = exp(J e) exp(x)`` to first order.
-        right_jacobian: ``J`` with ``exp(x + e) = exp(x) exp(J e)`` to first order.
-        left_jacobian_inverse: the inverse of the left Jacobian.
-        right_jacobian_inverse: the inverse of the right Jacobian.
-    """
-
-    exp: ArrayFunction
-    log: ArrayFunction
-    compose: ArrayFunction
-    inverse: ArrayFunction
-    act: ArrayFunction
-    hat: ArrayFunction
-    vee: ArrayFunction
-    adjoint: ArrayFunction
-    ad: ArrayFunction
-    coadjoint: ArrayFunction
-    force_cross: ArrayFunction
-    left_jacobian: ArrayFunction
-    right_jacobian: ArrayFunction
-    left_jacobian_inverse: ArrayFunction
-    right_jacobian_inverse: ArrayFunction
+__all__ = ["CheckedPoses", "se3", "sek3"]
 
 
 class CheckedPoses:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
-from lgmpc.lie import Group, checks, se3, sek3, so3
+from lgmpc.lie import checks, se3, sek3, so3
 from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3
 from lgmpc.lie.symbolic import sek3 as symbolic_sek3
@@ -49,7 +49,7 @@ class LieGroup:
     name: str
     dim: int
     size: int
-    numeric: Group
+    numeric: Any
     symbolic: Any
     check: Callable[[str, object], Array]
 

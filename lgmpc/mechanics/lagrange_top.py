@@ -139,8 +139,7 @@ class LagrangeTop:
         """Return the closed form of the tilt from a state.
 
         The cubic is expanded around the current tilt, where value and slope follow from the state without cancellation:
-        a steady precession has a double root to rounding. Tilts from 0 to pi are accurate to rounding because they are
-        computed from the distances of the roots to 1 and -1, not from cosines.
+        a steady precession has a double root to rounding.
 
         Args:
             rotation: (3, 3) world from body.
@@ -154,20 +153,13 @@ class LagrangeTop:
         beta, a = 2.0 * self.weight / self.transverse, self.axial * w[2] / self.transverse
         climbing, turning = up[0] * w[1] - up[1] * w[0], w[0] * up[0] + w[1] * up[1]
         across, sine = w[0] ** 2 + w[1] ** 2, math.hypot(up[0], up[1])
-        tilt = math.atan2(sine, up[2])
-        u, above, below = math.cos(tilt), 2.0 * math.sin(tilt / 2.0) ** 2, 2.0 * math.cos(tilt / 2.0) ** 2
+        u = math.cos(math.atan2(sine, up[2]))
         slope = 2.0 * a * turning - 2.0 * u * across - beta * sine**2
         cubic = [beta, 2.0 * beta * u - across - a**2, slope, climbing**2]
         s1, s2, s3 = sorted(float(root.real) for root in np.roots(cubic))
         s1, s2 = min(0.0, s1), max(0.0, s2)  # rounding must not exclude the current tilt
 
-        # 1 - u2 and 1 + u1 by the cubic's values at 1 and -1, -(turning - a above)^2 and -(turning + a below)^2: the
-        # differences above - s2 and below + s1 cancel if the axis passes close to the vertical.
-        product = _share((turning - a * above) ** 2, beta * (above - s1))  # (1 - u2) (u3 - 1)
-        highest = _positive_root(2.0 * above - s2 - s3, product)
-        lowest = _share((turning + a * below) ** 2, beta * (below + s2) * (below + s3))
-        tilts = _angle(highest, below + s2), _angle(above - s1, lowest)
-
+        tilts = (math.acos(min(1.0, u + s2)), math.acos(max(-1.0, u + s1)))
         rate = math.sqrt(beta * (s3 - s1)) / 2.0
         still = Nutation(u, (s1, s2, s3), tilts, rate, 0.0)
         if s2 <= s1:
@@ -194,21 +186,3 @@ class LagrangeTop:
         """
         cosine = (self.axial * spin) ** 2 / (2.0 * self.transverse * self.weight) - 1.0
         return math.acos(max(-1.0, min(1.0, cosine)))
-
-
-def _share(product: float, factor: float) -> float:
-    """Return the other factor of a product, 0 where both vanish."""
-    return product / factor if factor else 0.0
-
-
-def _positive_root(linear: float, constant: float) -> float:
-    """Return the root x >= 0 of ``x^2 - linear x - constant``, constant >= 0, without cancellation."""
-    root = math.hypot(linear, 2.0 * math.sqrt(constant))
-    if linear >= 0.0:
-        return 0.5 * (linear + root)
-    return 2.0 * constant / (root - linear)
-
-
-def _angle(above: float, below: float) -> float:
-    """Return the angle, rad, whose cosine is ``1 - above`` and ``below - 1``."""
-    return 2.0 * math.atan2(math.sqrt(max(0.0, above)), math.sqrt(max(0.0, below)))

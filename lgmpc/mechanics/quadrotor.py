@@ -129,53 +129,40 @@ class Quadrotor:
         return free_body(SpatialInertia(self.mass, np.zeros(3), self.inertia), GRAVITY, body_force=wrench)
 
 
-def attitude_error(rotation: Any, desired: Any, stiffness: ArrayLike = 1.0) -> tuple[Any, Any]:
-    """Return the error function Psi and its derivative e_R (3,).
+def attitude_error(rotation: Any, desired: Any) -> tuple[Any, Any]:
+    """Return the error function Psi and its derivative e_R (3,) of rotations (3, 3), expressions or numbers.
 
-        Psi = 1/2 tr(G (I - R_d^T R)),      e_R = 1/2 vee(G R_d^T R - R^T R_d G)
+        Psi = 1/2 tr(I - R_d^T R),      e_R = 1/2 vee(R_d^T R - R^T R_d)
 
-    With G = I, Psi is 1 - cos of the angle between the two: 0 to 2. At 2 the error vector vanishes as it does at 0. In
-    general ``G = tr(K) I - 2 K`` for a diagonal K > 0, the stiffness: e_R is K phi for small errors phi, and the time
-    derivative of Psi is ``Omega . e_R`` for any error (Bullo and Murray, "Tracking for fully actuated mechanical
-    systems: a geometric framework", Automatica 35, 1999). If the three stiffnesses differ, the other
-    equilibria are half turns about the three axes.
-
-    Args:
-        rotation: (3, 3) R, an expression or numbers.
-        desired: (3, 3) R_d.
-        stiffness: diagonal of K, a number or (3,), about the axes of the desired body.
+    Psi is 1 - cos of the angle between the two: 0 to 2. At 2 the error vector vanishes as it does at 0. The time
+    derivative of Psi is ``Omega . e_R``.
     """
-    stiff = np.broadcast_to(np.asarray(stiffness, dtype=np.float64), 3)
-    weights = ca.DM(stiff[[1, 2, 0]] + stiff[[2, 0, 1]] - stiff)
-    weighted = ca.mtimes([ca.diag(weights), ca.transpose(desired), rotation])
-    return 0.5 * (ca.sum1(weights) - ca.trace(weighted)), ca.inv_skew(weighted)
+    between = ca.mtimes(ca.transpose(desired), rotation)
+    return 0.5 * (3.0 - ca.trace(between)), ca.inv_skew(between)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class GeometricGains:
-    """Gains of the four errors: one number for all axes, or three, one for each.
+    """Gains of the four errors.
 
     Attributes:
-        position: k_x, world axes, N/m.
-        velocity: k_v, world axes, N.s/m.
-        rotation: k_R, stiffness about each axis of the desired body for small errors, N.m.
-        rate: k_Omega, body axes, N.m.s.
+        position: k_x, N/m.
+        velocity: k_v, N.s/m.
+        rotation: k_R, N.m.
+        rate: k_Omega, N.m.s.
 
     Raises:
-        InputError: a gain that is not positive, or neither a number nor three.
+        InputError: a gain that is not positive.
     """
 
-    position: float | Array
-    velocity: float | Array
-    rotation: float | Array
-    rate: float | Array
+    position: float
+    velocity: float
+    rotation: float
+    rate: float
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            gain = numbers(name, value, (), (3,))
-            if not (gain > 0.0).all():
-                raise InputError(name, value, "a positive number, or three of them: a gain")
-            object.__setattr__(self, name, frozen(gain))
+            check_positive(name, value, "a gain")
 
     @classmethod
     def of_the_paper(cls, mass: float = 4.34) -> GeometricGains:
@@ -214,11 +201,12 @@ class GeometricController:
     def moment(self, rotation: Any, rate: Any, desired: Any, desired_rate: Any, acceleration: Any) -> Any:
         """Return (3,) the moment that tracks an attitude, body axes, N.m.
 
-        ``M = -e_R - k_Omega e_Omega + Omega x J Omega - J (hat(Omega) R^T R_d Omega_d - R^T R_d Omega_d')``
+        ``M = -k_R e_R - k_Omega e_Omega + Omega x J Omega - J (hat(Omega) R^T R_d Omega_d - R^T R_d Omega_d')``
         """
         inertia, back = ca.DM(self.quadrotor.inertia), ca.mtimes(ca.transpose(rotation), desired)
         wanted, ahead = ca.mtimes(back, desired_rate), ca.mtimes(back, acceleration)
-        moment = -attitude_error(rotation, desired, self.gains.rotation)[1] - ca.DM(self.gains.rate) * (rate - wanted)
+        error = attitude_error(rotation, desired)[1]
+        moment = -self.gains.rotation * error - self.gains.rate * (rate - wanted)
         return moment + ca.cross(rate, inertia @ rate) - inertia @ (ca.cross(rate, wanted) - ahead)
 
     def _command(self) -> ca.Function:
@@ -226,7 +214,7 @@ class GeometricController:
         t, x, v = ca.SX.sym("time"), ca.SX.sym("position", 3), ca.SX.sym("velocity", 3)
         rotation, omega = ca.SX.sym("rotation", 3, 3), ca.SX.sym("rate", 3)
         goal, speed, pull = _derivatives(self.reference(t)[0], t)
-        force = ca.DM(gains.position) * (goal - x) + ca.DM(gains.velocity) * (speed - v) + mass * (pull + GRAVITY * _UP)
+        force = gains.position * (goal - x) + gains.velocity * (speed - v) + mass * (pull + GRAVITY * _UP)
 
         third = _unit(force)
         second = _unit(ca.cross(third, self.reference(t)[1]))

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from lgmpc.errors import InputError
-from lgmpc.lie import checks, se3
+from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_positive, frozen
 from lgmpc.mechanics.euler_poincare import EulerPoincare, Expression, Symbols
@@ -98,21 +98,6 @@ class UnderwaterVehicle:
     def weight(self) -> float:
         """Weight of the body in air, N."""
         return self.body.mass * self.gravity
-
-    def linearization(self, velocity: ArrayLike) -> Array:
-        """Return (6, 6) the Jacobian of nu' by nu without weight and buoyancy, for the stability of a steady motion.
-
-        Args:
-            velocity: (6,) nu.
-
-        Raises:
-            InputError: another shape, or not finite.
-        """
-        nu, mass = numbers("velocity", velocity, (6,), finite=True), self.mass_matrix
-        momentum = mass @ nu
-        turning = np.column_stack([se3.coadjoint(unit) @ momentum for unit in np.eye(6)])
-        damping = self.linear_damping + 2.0 * np.diag(self.quadratic_damping * np.abs(nu))
-        return np.linalg.solve(mass, se3.coadjoint(nu) @ mass + turning - damping).astype(np.float64)
 
     def system(self, wrench: Expression | None = None) -> EulerPoincare:
         """Return the vehicle as an Euler-Poincare system on SE(3); its constants are parameters of the compiled code.

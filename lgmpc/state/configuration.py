@@ -22,6 +22,7 @@ from lgmpc.errors import ModelError
 from lgmpc.lie.symbolic import quaternion, se3, so3
 
 __all__ = [
+    "JOINT_KINDS",
     "Block",
     "BlockKind",
     "configuration_blocks",
@@ -60,13 +61,14 @@ class Block:
     v: slice
 
 
-_KINDS = {
+JOINT_KINDS = {
     "JointModelFreeFlyer": BlockKind.PLACEMENT,
     "JointModelSpherical": BlockKind.ROTATION,
     **{f"JointModel{name}": BlockKind.VECTOR for name in ("RX", "RY", "RZ", "RevoluteUnaligned")},
     **{f"JointModel{name}": BlockKind.VECTOR for name in ("PX", "PY", "PZ", "PrismaticUnaligned")},
     **{f"JointModel{name}": BlockKind.CIRCLE for name in ("RUBX", "RUBY", "RUBZ", "RevoluteUnboundedUnaligned")},
 }
+"""The groups of the supported joints, by Pinocchio's name."""
 
 
 def configuration_blocks(model: pin.Model) -> tuple[Block, ...]:
@@ -78,7 +80,7 @@ def configuration_blocks(model: pin.Model) -> tuple[Block, ...]:
     blocks: list[Block] = []
     problems: list[str] = []
     for name, joint in zip(model.names[1:], model.joints[1:], strict=True):
-        kind = _KINDS.get(joint.shortname())
+        kind = JOINT_KINDS.get(joint.shortname())
         if kind is None:
             problems.append(
                 f"joint '{name}' is a {joint.shortname()}; supported are free-flyer, spherical, revolute, continuous"

@@ -6,13 +6,14 @@ import functools
 import math
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from lgmpc.lie import Group, se3, sek3, so3
+from lgmpc.lie import se3, sek3, so3
 from lgmpc.lie.coefficients import SEAM
 from lgmpc.lie.symbolic import se3 as se3_symbolic
 from lgmpc.lie.symbolic import sek3 as sek3_symbolic
@@ -49,7 +50,7 @@ class Case:
     """
 
     name: str
-    group: Group
+    group: Any
     symbolic: ModuleType
     dim: int
     size: int

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -69,43 +68,6 @@ def test_nutation_in_closed_form(rotation: np.ndarray, velocity: list[float]) ->
     assert tilts.min() >= nutation.tilts[0] - 1e-9
     assert tilts.max() <= nutation.tilts[1] + 1e-9
     np.testing.assert_allclose(nutation.cosines(np.array([0.7])), nutation.cosines(np.array([0.7 + nutation.period])))
-
-
-def tilts_in_decimals(rotation: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
-    """Smallest and largest tilt by bisection of the cubic in 80 digits, in z = 1 - cos(tilt)."""
-    with localcontext() as context:
-        context.prec = 80
-        x, y, z = (Decimal(float(entry)) for entry in rotation[2])
-        p, q, r = (Decimal(float(entry)) for entry in velocity)
-        size = (x * x + y * y + z * z).sqrt()
-        x, y, z = x / size, y / size, z / size
-        beta, a = 2 * Decimal(TOP.weight) / Decimal(TOP.transverse), Decimal(TOP.axial) * r / Decimal(TOP.transverse)
-        present, one = (x * x + y * y) / (1 + z) if z > 0 else 1 - z, Decimal(1)
-        energy, momentum = p * p + q * q - beta * present, p * x + q * y - a * present
-
-        def square_rate(depth: Decimal) -> Decimal:
-            return depth * (2 - depth) * (energy + beta * depth) - (momentum + a * depth) ** 2
-
-        def root(outside: Decimal, inside: Decimal) -> Decimal:
-            for _ in range(260):
-                middle = (outside + inside) / 2
-                outside, inside = (outside, middle) if square_rate(middle) >= 0 else (middle, inside)
-            return inside
-
-        least, greatest = root(0 * one, present), root(2 * one, present)
-        return tuple(2.0 * math.atan2(depth.sqrt(), (2 - depth).sqrt()) for depth in (least, greatest))
-
-
-@pytest.mark.parametrize("spin", [0.0, 3.0, 0.99 * TOP.critical_spin, 20.0])
-@pytest.mark.parametrize("tilt", [1e-12, 1e-10, 1e-8, 1e-4, 1.0, math.pi - 1e-9])
-def test_tilts_are_accurate_to_rounding_up_to_the_vertical(tilt: float, spin: float) -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(10):
-        axis = np.append(rng.normal(size=2), 0.0)
-        rotation = so3.exp(tilt / np.linalg.norm(axis) * axis)
-        velocity = np.append(5.0 * min(tilt, math.pi - tilt) * rng.normal(size=2), spin)
-        expected = tilts_in_decimals(rotation, velocity)
-        assert TOP.nutation(rotation, velocity).tilts == pytest.approx(expected, rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize(("rotation", "tilt"), [(np.eye(3), 0.0), (np.diag([1.0, -1.0, -1.0]), math.pi)])

@@ -17,7 +17,8 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.lie.symbolic import quaternion
-from lgmpc.robot.symbolic.tree import Joint, JointKind, Tree
+from lgmpc.robot.symbolic.tree import Joint, Tree
+from lgmpc.state.configuration import BlockKind
 
 __all__ = [
     "Acceleration",
@@ -65,13 +66,13 @@ def joint_steps(tree: Tree, q: Any) -> list[Placement]:
 
 def _step(joint: Joint, q: Any) -> Placement:
     fixed, offset = ca.DM(joint.rotation), ca.DM(joint.translation)
-    if joint.kind is JointKind.PRISMATIC:
+    if joint.slides:
         return Placement(fixed, offset + ca.mtimes(fixed, ca.DM(joint.axis)) * q[0])
-    if joint.kind is JointKind.SPHERICAL:
+    if joint.kind is BlockKind.ROTATION:
         return Placement(ca.mtimes(fixed, quaternion.to_matrix(q)), offset)
-    if joint.kind is JointKind.FREE_FLYER:
+    if joint.kind is BlockKind.PLACEMENT:
         return Placement(ca.mtimes(fixed, quaternion.to_matrix(q[3:])), offset + ca.mtimes(fixed, q[:3]))
-    cosine, sine = (q[0], q[1]) if joint.kind is JointKind.CONTINUOUS else (ca.cos(q[0]), ca.sin(q[0]))
+    cosine, sine = (q[0], q[1]) if joint.kind is BlockKind.CIRCLE else (ca.cos(q[0]), ca.sin(q[0]))
     # Rodrigues' formula, times the fixed rotation, as a sum of constant matrices: their zeros cost no operations.
     axis = ca.DM(joint.axis)
     along = ca.mtimes(axis, axis.T)

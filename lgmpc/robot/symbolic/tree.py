@@ -3,32 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.state.configuration import configuration_blocks
+from lgmpc.state.configuration import JOINT_KINDS, BlockKind, configuration_blocks
 from lgmpc.typing import Array
 
-__all__ = ["Joint", "JointKind", "Tree", "read_tree"]
-
-
-class JointKind(Enum):
-    """The kinematics of a joint."""
-
-    REVOLUTE = "revolute"
-    """An angle."""
-    CONTINUOUS = "continuous"
-    """An angle without limits, stored as (cos, sin)."""
-    PRISMATIC = "prismatic"
-    """A displacement."""
-    SPHERICAL = "spherical"
-    """A quaternion x y z w; velocity in the child's frame."""
-    FREE_FLYER = "free-flyer"
-    """Position and quaternion; velocity [linear; angular] in the child's frame."""
+__all__ = ["Joint", "Tree", "read_tree"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +20,8 @@ class Joint:
     """One joint and the rigid body after it; vectors and matrices are constants, in the joint's own (child) frame.
 
     Attributes:
-        kind: its kinematics.
+        kind: its group.
+        slides: whether it is prismatic.
         parent: index of the joint before it; 0 is the world.
         q: its entries of the configuration.
         v: its entries of the velocity.
@@ -52,7 +37,8 @@ class Joint:
         second_moment: (3, 3) integral of ``r r^T dm`` about the joint's origin.
     """
 
-    kind: JointKind
+    kind: BlockKind
+    slides: bool
     parent: int
     q: slice
     v: slice
@@ -100,22 +86,13 @@ class Tree:
         return [index for index, joint in enumerate(self.joints, start=1) if joint.parent == 0]
 
 
-_KINDS = {
-    **{f"JointModel{name}": JointKind.REVOLUTE for name in ("RX", "RY", "RZ", "RevoluteUnaligned")},
-    **{f"JointModel{name}": JointKind.CONTINUOUS for name in ("RUBX", "RUBY", "RUBZ", "RevoluteUnboundedUnaligned")},
-    **{f"JointModel{name}": JointKind.PRISMATIC for name in ("PX", "PY", "PZ", "PrismaticUnaligned")},
-    "JointModelSpherical": JointKind.SPHERICAL,
-    "JointModelFreeFlyer": JointKind.FREE_FLYER,
-}
-
-
 def read_tree(model: pin.Model) -> Tree:
     """Read the constants of ``model``.
 
     Raises:
-        ModelError: a joint is of another kind than :class:`JointKind`; all such are listed.
+        ModelError: a joint is of a kind that :func:`configuration_blocks` does not support; all such are listed.
     """
-    configuration_blocks(model)  # raises for joints that are not in _KINDS
+    configuration_blocks(model)  # raises for other joints
     joints = tuple(_read_joint(model, index) for index in range(1, model.njoints))
     gravity = ca.DM(np.asarray(model.gravity.linear))
     return Tree(joints, gravity, int(model.nq), int(model.nv), sum(joint.mass for joint in joints))
@@ -123,20 +100,22 @@ def read_tree(model: pin.Model) -> Tree:
 
 def _read_joint(model: pin.Model, index: int) -> Joint:
     joint, placement, body = model.joints[index], model.jointPlacements[index], model.inertias[index]
-    kind = _KINDS[joint.shortname()]
+    kind, slides = JOINT_KINDS[joint.shortname()], False
     linear, angular, axis = np.zeros((3, joint.nv)), np.zeros((3, joint.nv)), np.zeros(3)
-    if kind is JointKind.FREE_FLYER:
+    if kind is BlockKind.PLACEMENT:
         linear[:, :3], angular[:, 3:] = np.eye(3), np.eye(3)
-    elif kind is JointKind.SPHERICAL:
+    elif kind is BlockKind.ROTATION:
         angular = np.eye(3)
     else:
         subspace = _motion_subspace(joint)
-        axis = _snap(subspace[:3] if kind is JointKind.PRISMATIC else subspace[3:])
-        (linear if kind is JointKind.PRISMATIC else angular)[:, 0] = axis
+        slides = bool(subspace[:3].any())
+        axis = _snap(subspace[:3] if slides else subspace[3:])
+        (linear if slides else angular)[:, 0] = axis
     lever, mass = np.asarray(body.lever), float(body.mass)
     inertia = np.asarray(body.inertia) + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
     return Joint(
         kind=kind,
+        slides=slides,
         parent=int(model.parents[index]),
         q=slice(joint.idx_q, joint.idx_q + joint.nq),
         v=slice(joint.idx_v, joint.idx_v + joint.nv),

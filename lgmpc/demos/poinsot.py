@@ -43,7 +43,11 @@ def run() -> Outcome:
     momenta = motion.velocities @ top.inertia
     on_body, on_plane = _lengths(top, motion, contact, world)
     turned = so3.log(so3.project(motion.poses[-1] @ motion.poses[0].T)) @ construction.normal
-    predicted_turn = math.remainder(float(top.azimuths(np.array([top.period]))[0]), 2.0 * math.pi)
+    # The rate of the first axis' azimuth about the momentum, in closed form, and its mean over a period.
+    grid: Array = np.linspace(0.0, top.period, 2000, endpoint=False)
+    own = (_MOMENTS[0] * top.velocities(grid)[:, 0]) ** 2
+    rate = top.momentum * (2.0 * top.energy - own / _MOMENTS[0]) / (top.momentum**2 - own)
+    predicted_turn = math.remainder(top.period * float(rate.mean()), 2.0 * math.pi)
     rows = (
         Row("lowest point of contact from the centre", construction.distance, float(heights.min()), 1e-10),
         Row("highest point of contact from the centre", construction.distance, float(heights.max()), 1e-10),
@@ -55,8 +59,8 @@ def run() -> Outcome:
         Row("turn about the momentum in a period", predicted_turn, float(turned), 1e-8, "rad"),
         Row("radius of the momentum sphere", top.momentum, float(np.linalg.norm(momenta[-1])), 1e-9, "N.m.s"),
     )
-    many: Array = np.linspace(0.0, 7.0 * top.period, 2801)
-    herpolhode = construction.herpolhode(many)
+    longer = _simulate(top, periods=7, every=_STEPS // 400)
+    herpolhode = np.einsum("nij,nj->ni", longer.poses, longer.velocities) / math.sqrt(2.0 * top.energy)
     shown = slice(None, None, 100)
     panels = (
         Panel(
@@ -77,8 +81,7 @@ def run() -> Outcome:
             equal=True,
         ),
     )
-    times = many[::4]
-    rotations = top.rotations(times)
+    times, rotations = longer.times[::4], longer.poses[::4]
     return Outcome(
         rows,
         panels,
@@ -98,8 +101,9 @@ def run() -> Outcome:
 _CIRCLE = np.linspace(0.0, 2.0 * math.pi, 181)
 
 
-def _simulate(top: EulerTop) -> Motion:
-    return torque_free_body(top.inertia).simulate(top.rotation, top.velocity, step=top.period / _STEPS, steps=_STEPS)
+def _simulate(top: EulerTop, periods: int = 1, every: int = 1) -> Motion:
+    step, steps = top.period / _STEPS, periods * _STEPS
+    return torque_free_body(top.inertia).simulate(top.rotation, top.velocity, step=step, steps=steps, every=every)
 
 
 def _lengths(top: EulerTop, motion: Motion, contact: Array, world: Array) -> tuple[float, float]:

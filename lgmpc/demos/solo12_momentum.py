@@ -15,7 +15,7 @@ from scipy.integrate import simpson
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, largest
 from lgmpc.lie import se3
-from lgmpc.mechanics.rollout import runge_kutta4
+from lgmpc.mechanics.euler_poincare import runge_kutta4
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.typing import Array

@@ -3,7 +3,6 @@
     groups, euler_poincare, lie_poisson   equations of motion and brackets on any group, momentum maps
     symmetry         Noether's theorem
     integrators      Runge-Kutta and variational
-    rollout          compiled steps, thousands in a call
     rigid_body       free bodies and heavy tops as Euler-Poincare systems
     torque_free, lagrange_top   closed forms of tops, Poinsot's construction
     connection, phases          rotation by changes of shape: cat, three links

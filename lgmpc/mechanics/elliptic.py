@@ -51,22 +51,6 @@ class Modulus:
         partial = s * float(special.elliprf(c**2, self.m1 + self.m * c**2, 1.0))
         return partial if c >= 0.0 else math.copysign(2.0 * self.quarter_period, s) - partial
 
-    def third_kind(self, n: float, u: Array) -> Array:
-        """Return the integral of ``1 / (1 - n sn^2)`` from 0 to arguments of any size, n < 1.
-
-        Carlson's symmetric forms, "Numerical computation of real or complex elliptic integrals", Numerical Algorithms
-        10 (1995); DLMF 19.25.14.
-        """
-        turns, rest = self._reduced(u)
-        sn, cn, dn = self._central(rest)
-        one = np.ones_like(sn)
-        part = sn * special.elliprf(cn**2, dn**2, one)
-        part += n / 3.0 * sn**3 * special.elliprj(cn**2, dn**2, one, 1.0 - n * sn**2)
-        if turns.any():
-            whole = special.elliprf(0.0, self.m1, 1.0) + n / 3.0 * special.elliprj(0.0, self.m1, 1.0, 1.0 - n)
-            part += 2.0 * turns * whole
-        return np.asarray(part, dtype=np.float64)
-
     def _reduced(self, u: Array) -> tuple[Array, Array]:
         """Return the nearest multiples of 2 K and the remainders; zero multiples if the period is infinite."""
         array = np.asarray(u, dtype=np.float64)

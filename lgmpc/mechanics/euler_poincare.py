@@ -19,6 +19,7 @@ Euler-Poincare equations and semidirect products", Advances in Mathematics 137 (
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -27,12 +28,11 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, SolverError
 from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.groups import LieGroup, spatial_momentum
-from lgmpc.mechanics.rollout import rollout, runge_kutta4
 from lgmpc.typing import Array
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "Motion",
     "Symbols",
     "munthe_kaas",
+    "runge_kutta4",
     "state_of",
 ]
 
@@ -121,6 +122,15 @@ class Motion:
 
 Method = Callable[["EulerPoincare"], ca.Function]
 """From a system to one step: (time, step, x, p) -> x_next, with ``x = [vec(pose); velocity; advected]``."""
+
+
+def runge_kutta4(field: Callable[[Any, Any], Any], y: Any, h: Any) -> Any:
+    """Return ``y`` after one classical Runge-Kutta step of length ``h`` along ``y' = field(elapsed, y)``."""
+    k1 = field(0.0, y)
+    k2 = field(h / 2, y + h / 2 * k1)
+    k3 = field(h / 2, y + h / 2 * k2)
+    k4 = field(h, y + h * k3)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
 def munthe_kaas(system: EulerPoincare) -> ca.Function:
@@ -311,6 +321,12 @@ class EulerPoincare:
                 definite.
             SolverError: the motion did not stay finite.
         """
+        if not (math.isfinite(step) and step > 0.0):
+            raise InputError("step", step, "a positive length of time, s")
+        if steps < 1:
+            raise InputError("steps", steps, "a whole number, at least one")
+        if every < 1 or steps % every:
+            raise InputError("every", every, f"a divisor of the number of steps, {steps}")
         size, dim = self.group.size, self.group.dim
         g = self.group.check_element("pose", pose)
         xi = self.group.check_tangent("velocity", velocity)
@@ -322,7 +338,13 @@ class EulerPoincare:
         start = np.concatenate((g.ravel(order="F"), xi, a))
         if method not in self._kernels:
             self._kernels[method] = StageKernel(method(self))
-        times, rows = rollout(self._kernels[method], start, step, steps, every, self.parameters)
+        states, times = np.empty((steps + 1, start.size)), step * np.arange(steps + 1, dtype=np.float64)
+        states[0] = start
+        kernel, steady = self._kernels[method], {"step": np.array([step]), "p": self.parameters}
+        kernel.bind(steps, time=times[:-1, None], x=states[:-1], x_next=states[1:], **steady)()
+        if not np.isfinite(states[-1]).all():
+            raise SolverError("simulate", "the state did not stay finite", "Take a shorter step")
+        times, rows = times[::every], states[::every].copy()
         poses = rows[:, : size * size].reshape(-1, size, size).transpose(0, 2, 1)
         return Motion(times, poses, rows[:, size * size : size * size + dim], rows[:, size * size + dim :])
 

@@ -23,8 +23,7 @@ from typing import Any
 import casadi as ca
 
 from lgmpc.errors import InputError
-from lgmpc.mechanics.euler_poincare import EulerPoincare, Symbols, state_of
-from lgmpc.mechanics.rollout import runge_kutta4
+from lgmpc.mechanics.euler_poincare import EulerPoincare, Symbols, runge_kutta4, state_of
 
 __all__ = [
     "discrete_euler_poincare",

@@ -1,4 +1,4 @@
-r"""The torque-free body in closed form: velocity by Jacobi's functions, attitude by an integral of the third kind.
+r"""The torque-free body in closed form, by Jacobi's functions, and Poinsot's construction.
 
 With principal moments ordered so that the body momentum revolves about axis c and b is the middle one
 (``|pi|^2 > 2 E I_b``: c has the largest moment, otherwise the smallest), and s the sign of w_c,
@@ -8,11 +8,6 @@ With principal moments ordered so that the body momentum revolves about axis c a
     A^2 = p / (I_a (I_c - I_a)),  B^2 = p / (I_b (I_c - I_b)),  C^2 = q / (I_c (I_c - I_a))
     p = 2 E I_c - |pi|^2,  q = |pi|^2 - 2 E I_a,  rate^2 = (I_c - I_b) q / (I_a I_b I_c),
     m = (I_b - I_a) p / ((I_c - I_b) q)
-
-The azimuth psi of axis a about the constant spatial momentum, to which it is never parallel, is
-
-    psi' = |pi| (2 E - I_a w_a^2) / (|pi|^2 - I_a^2 w_a^2)
-    psi  = |pi| (t / I_a - (I_c - I_a) / (I_a I_c rate) integral of du / (1 + n sn^2 u)),   n = I_a p / (I_c q)
 
 Jacobi, "Sur la rotation d'un corps" (1849); Whittaker, "Analytical dynamics" (1904), 69; Landau and Lifshitz,
 "Mechanics", section 37; chapter 4.5 and 4.12.1.
@@ -110,36 +105,6 @@ class EulerTop:
         sn, cn, dn = s.modulus.jacobi(s.phase + s.rate * t)
         return np.stack((s.amplitudes[0] * cn, s.amplitudes[1] * sn, s.amplitudes[2] * dn), axis=1) @ s.axes.T
 
-    def rotations(self, times: Array) -> Array:
-        """Return (n, 3, 3) world from body at some times."""
-        t = _times(times)
-        if self.steady:
-            return self.rotation @ so3.exp(t[:, None] * self.velocity)
-        leans = self._leaning(self.velocities(t))
-        turns = so3.exp(self.azimuths(t)[:, None] * np.array([0.0, 0.0, 1.0]))
-        start = self._leaning(self.velocity[None])[0]
-        result: Array = self.rotation @ start.T @ turns @ leans
-        return result
-
-    def azimuths(self, times: Array) -> Array:
-        """Return (n,) the angles of axis a about the spatial momentum since time 0, rad.
-
-        Raises:
-            InputError: the rotation is steady.
-        """
-        t, s = _times(times), self._solution
-        integral = s.modulus.third_kind(-s.n, s.phase + s.rate * np.append(t, 0.0))
-        azimuths: Array = self.momentum * (t / s.moments[0] - s.factor * (integral[:-1] - integral[-1]))
-        return azimuths
-
-    def _leaning(self, velocities: Array) -> Array:
-        """Return the rotations to body axes from axes with z along the momentum and x below axis a."""
-        up = velocities @ self.inertia / self.momentum
-        axis = self._solution.axes[:, 0]
-        x = axis - (up @ axis)[:, None] * up
-        x /= np.linalg.norm(x, axis=1, keepdims=True)
-        return np.stack((x, np.cross(up, x), up), axis=1)
-
     @functools.cached_property
     def _solution(self) -> _Solution:
         if self.steady:
@@ -151,16 +116,13 @@ class EulerTop:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """The constants of the module's formulas; axes and moments in the order a, b, c."""
+    """The constants of the module's formulas; axes in the order a, b, c."""
 
     axes: Array
-    moments: Array
     amplitudes: tuple[float, float, float]
     rate: float
     phase: float
     modulus: Modulus
-    n: float
-    factor: float
 
 
 def _solve(inertia: Array, velocity: Array) -> _Solution:
@@ -179,8 +141,7 @@ def _solve(inertia: Array, velocity: Array) -> _Solution:
     a, b, c = math.sqrt(p / (ia * (ic - ia))), math.sqrt(p / (ib * (ic - ib))), math.sqrt(q / (ic * (ic - ia)))
     rate = math.sqrt((ic - ib) * q / (ia * ib * ic))
     phase = modulus.first_kind(sign * w[1] / b, w[0] / a)
-    n, factor = ia * p / (ic * q), (ic - ia) / (ia * ic * rate)
-    return _Solution(axes[:, order], moments, (a, sign * b, sign * c), rate, phase, modulus, n, factor)
+    return _Solution(axes[:, order], (a, sign * b, sign * c), rate, phase, modulus)
 
 
 def _times(times: Array) -> Array:
@@ -230,11 +191,6 @@ class Poinsot:
     def polhode(self, times: Array) -> Array:
         """Return (n, 3) points of contact in the body."""
         return self.top.velocities(times) / math.sqrt(2.0 * self.top.energy)
-
-    def herpolhode(self, times: Array) -> Array:
-        """Return (n, 3) points of contact in the world, from the centre."""
-        points: Array = np.einsum("nij,nj->ni", self.top.rotations(times), self.polhode(times))
-        return points
 
     @property
     def radii(self) -> tuple[float, float]:

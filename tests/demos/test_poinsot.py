@@ -23,10 +23,10 @@ def test_it_rolls_as_predicted() -> None:
 
 
 def test_a_small_torque_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
-    def pushed(top: EulerTop) -> Motion:
+    def pushed(top: EulerTop, periods: int = 1, every: int = 1) -> Motion:
         system = torque_free_body(top.inertia, body_force=lambda s: ca.DM([1e-6, 0.0, 0.0]))
-        steps = poinsot._STEPS
-        return system.simulate(top.rotation, top.velocity, step=top.period / steps, steps=steps)
+        step, steps = top.period / poinsot._STEPS, periods * poinsot._STEPS
+        return system.simulate(top.rotation, top.velocity, step=step, steps=steps, every=every)
 
     monkeypatch.setattr(poinsot, "_simulate", pushed)
     wrong = {row.quantity for row in poinsot.run().rows if not row.agrees}
@@ -37,8 +37,8 @@ def test_a_slipping_ellipsoid_is_detected(monkeypatch: pytest.MonkeyPatch) -> No
     """Attitudes slowly turned about the plane's normal keep the contact on the plane, but no longer roll."""
     simulate = poinsot._simulate
 
-    def slipping(top: EulerTop) -> Motion:
-        motion = simulate(top)
+    def slipping(top: EulerTop, periods: int = 1, every: int = 1) -> Motion:
+        motion = simulate(top, periods, every)
         angles = 1e-3 * motion.times
         turns = np.zeros((len(angles), 3, 3))
         turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)

@@ -4,25 +4,21 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
-from lgmpc.mechanics import torque_free_body
-from lgmpc.mechanics.rollout import rollout, runge_kutta4
+from lgmpc.mechanics import SO3, EulerPoincare, torque_free_body
+from lgmpc.mechanics.euler_poincare import runge_kutta4
 
-
-def gatherer() -> StageKernel:
-    """x gathers p times the time at the beginning of each step."""
-    time, step, x, p = (ca.SX.sym(name) for name in ("time", "step", "x", "p"))
-    names = ["time", "step", "x", "p"]
-    return StageKernel(ca.Function("gatherer", [time, step, x, p], [x + p * time], names, ["x_next"]))
+PUSHED = EulerPoincare(
+    "pushed", SO3, lambda s: ca.sumsqr(s.velocity) / 2, body_force=lambda s: ca.vertcat(s.time, 0, 0)
+)
 
 
 @pytest.mark.parametrize(("steps", "every"), [(1, 1), (10, 5), (9000, 1500), (10000, 10000)])
 def test_every_step_is_made_once_at_its_own_time(steps: int, every: int) -> None:
-    times, rows = rollout(gatherer(), np.array([5.0]), 0.25, steps, every, np.array([2.0]))
-    counts = every * np.arange(steps // every + 1)
-    np.testing.assert_array_equal(times, 0.25 * counts)
-    np.testing.assert_allclose(rows[:, 0], 5.0 + 2.0 * 0.25 * counts * (counts - 1) / 2, rtol=1e-12)
+    """A torque that grows with time, about one axis: the velocity is ``t^2 / 2``."""
+    motion = PUSHED.simulate(np.eye(3), np.zeros(3), step=1e-3, steps=steps, every=every)
+    np.testing.assert_allclose(motion.times, 1e-3 * every * np.arange(steps // every + 1), rtol=1e-15)
+    np.testing.assert_allclose(motion.velocities[:, 0], motion.times**2 / 2, rtol=1e-11)
 
 
 def test_interpreted_and_compiled_motions_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,4 +39,4 @@ def test_runge_kutta_is_exact_on_cubics_in_time() -> None:
 )
 def test_grids_that_cannot_be_are_refused(step: float, steps: int, every: int, name: str) -> None:
     with pytest.raises(InputError, match=f"{name}: got"):
-        rollout(gatherer(), np.zeros(1), step, steps, every, np.zeros(1))
+        PUSHED.simulate(np.eye(3), np.zeros(3), step=step, steps=steps, every=every)

@@ -33,7 +33,6 @@ def test_closed_form_is_the_integrated_motion(moments: str, spin: str) -> None:
     exact = top(moments, spin)
     motion = torque_free_body(exact.inertia).simulate(START, exact.velocity, step=1e-3, steps=20000, every=200)
     np.testing.assert_allclose(exact.velocities(motion.times), motion.velocities, atol=1e-10)
-    np.testing.assert_allclose(exact.rotations(motion.times), motion.poses, atol=1e-10)
 
 
 def test_closed_form_solves_eulers_equations_for_dop853_too() -> None:
@@ -51,15 +50,12 @@ def test_closed_form_solves_eulers_equations_for_dop853_too() -> None:
 def test_invariants_hold_at_any_time(moments: str, spin: str) -> None:
     exact = top(moments, spin)
     times = np.array([-5.0, 0.0, 0.3, 17.0, 1e3, 1e5])
-    velocities, rotations = exact.velocities(times), exact.rotations(times)
+    velocities = exact.velocities(times)
     np.testing.assert_allclose(
         0.5 * np.einsum("ni,ij,nj->n", velocities, exact.inertia, velocities), exact.energy, rtol=1e-12
     )
-    spatial = np.einsum("nij,nj->ni", rotations, velocities @ exact.inertia)
-    np.testing.assert_allclose(spatial, np.tile(spatial[1], (6, 1)), atol=1e-11)
-    np.testing.assert_allclose(rotations @ np.swapaxes(rotations, 1, 2), np.tile(np.eye(3), (6, 1, 1)), atol=1e-13)
+    np.testing.assert_allclose(np.linalg.norm(velocities @ exact.inertia, axis=1), exact.momentum, rtol=1e-12)
     np.testing.assert_allclose(velocities[1], exact.velocity, atol=1e-14)
-    np.testing.assert_allclose(rotations[1], START, atol=1e-14)
 
 
 @pytest.mark.parametrize("spin", SPINS)
@@ -77,9 +73,9 @@ def test_period_and_montgomerys_phase(moments: str, spin: str) -> None:
     swept = np.cross(unit, np.cross(unit, velocities)) @ pole / (1.0 + unit @ pole)  # (1 - cos colatitude) d longitude
     angle = exact.period * (2.0 * exact.energy / exact.momentum - swept.mean())
     np.testing.assert_allclose(exact.velocities(one)[0], exact.velocity, atol=1e-11)
-    assert math.remainder(float(exact.azimuths(one)[0]) - angle, 2 * math.pi) == pytest.approx(0.0, abs=1e-10)
-    axis = START @ exact.inertia @ exact.velocity / exact.momentum
-    np.testing.assert_allclose(exact.rotations(one)[0] @ START.T, so3.exp(angle * axis), atol=1e-10)
+    axis, body = START @ exact.inertia @ exact.velocity / exact.momentum, torque_free_body(exact.inertia)
+    turned = body.simulate(START, exact.velocity, step=exact.period / 20000, steps=20000, every=20000).poses[-1]
+    np.testing.assert_allclose(turned @ START.T, so3.exp(angle * axis), atol=1e-10)
 
 
 def test_flips_of_the_middle_axis_are_half_a_period_apart() -> None:
@@ -105,7 +101,6 @@ def test_separatrix_has_no_period() -> None:
     times = np.linspace(0.0, 5.0, 11)
     motion = torque_free_body(exact.inertia).simulate(np.eye(3), exact.velocity, step=1e-3, steps=5000, every=500)
     np.testing.assert_allclose(exact.velocities(times), motion.velocities, atol=1e-9)
-    np.testing.assert_allclose(exact.rotations(times), motion.poses, atol=1e-9)
     assert exact.period == math.inf or exact.period > 50.0
 
 
@@ -113,25 +108,21 @@ def test_steady_rotation_has_no_period() -> None:
     steady = EulerTop(np.diag([1.0, 2.0, 3.0]), [0.0, 2.0, 0.0], START)
     times = np.array([0.0, 1.0, 100.0])
     np.testing.assert_array_equal(steady.velocities(times), [[0.0, 2.0, 0.0]] * 3)
-    np.testing.assert_allclose(steady.rotations(times)[2], START @ so3.exp([0.0, 200.0, 0.0]), atol=1e-12)
     with pytest.raises(InputError, match="velocity: .* steady"):
         steady.period  # noqa: B018
     assert EulerTop(np.eye(3), [1.0, 2.0, 3.0]).steady
 
 
 def test_symmetric_top_precession() -> None:
-    """Landau and Lifshitz, "Mechanics", 33 and 36: of the velocity about the body's axis, of the axis in space."""
+    """Landau and Lifshitz, "Mechanics", 36: of the velocity about the body's axis."""
     transverse, axial, w = 1.0, 1.5, np.array([0.3, 0.1, 2.0])
     exact = EulerTop(np.diag([transverse, transverse, axial]), w)
-    body, space = (axial - transverse) / transverse * w[2], exact.momentum / transverse
+    body = (axial - transverse) / transverse * w[2]
     times = np.linspace(0.0, 5.0, 51)
     velocities = exact.velocities(times)
     angle = np.unwrap(np.arctan2(velocities[:, 1], velocities[:, 0]))
     np.testing.assert_allclose(angle - angle[0], body * times, atol=1e-11)
     assert exact.period == pytest.approx(2 * math.pi / abs(body), rel=1e-12)
-    axis, momentum = exact.rotations(times)[:, :, 2], exact.inertia @ w / exact.momentum
-    turned = np.stack([so3.exp(space * t * momentum) @ [0.0, 0.0, 1.0] for t in times])
-    np.testing.assert_allclose(axis, turned, atol=1e-11)
 
 
 @pytest.mark.parametrize("m1", [1.0, 0.3, 1e-3, 1e-9, 1e-16])
@@ -139,19 +130,18 @@ def test_elliptic_functions_against_quadrature(m1: float) -> None:
     """Each u is the integral that defines it, over the Gudermannian of the amplitude, which removes its peak."""
     modulus = Modulus(1.0 - m1, m1)
 
-    def integral(amplitude: float, n: float) -> float:
+    def integral(amplitude: float) -> float:
         # x = gd(s): dx = dx/ds ds with cos x = 1 / cosh s, smooth however small m1 is.
         def integrand(s: float) -> float:
-            sine, cosine = math.tanh(s), 1.0 / math.cosh(s)
-            return cosine / (math.sqrt(m1 + modulus.m * cosine**2) * (1.0 - n * sine**2))
+            cosine = 1.0 / math.cosh(s)
+            return cosine / math.sqrt(m1 + modulus.m * cosine**2)
 
         end = math.asinh(math.tan(amplitude))
         return quad(integrand, 0.0, end, epsabs=1e-13, epsrel=1e-13, limit=400)[0]
 
     for amplitude in (-1.2, 0.0, 0.7, 1.5, 1.57, 1.570796):
         u = modulus.first_kind(math.sin(amplitude), math.cos(amplitude))
-        assert u == pytest.approx(integral(amplitude, 0.0), rel=1e-10, abs=1e-13)
-        assert float(modulus.third_kind(-0.8, np.array(u))) == pytest.approx(integral(amplitude, -0.8), rel=1e-9)
+        assert u == pytest.approx(integral(amplitude), rel=1e-10, abs=1e-13)
         sn, cn, dn = modulus.jacobi(np.array(u))
         assert float(sn) == pytest.approx(math.sin(amplitude), abs=1e-12)
         assert float(cn) == pytest.approx(math.cos(amplitude), rel=1e-7, abs=1e-12)
@@ -167,8 +157,6 @@ def test_elliptic_functions_are_periodic(m1: float) -> None:
         moved = modulus.jacobi(u + 2 * turns * k)
         for value, here, sign in zip(moved, modulus.jacobi(u), ((-1) ** turns, (-1) ** turns, 1), strict=True):
             np.testing.assert_allclose(value, sign * here, atol=1e-12)
-        whole = float(modulus.third_kind(-0.8, np.array(2 * turns * k)))
-        np.testing.assert_allclose(modulus.third_kind(-0.8, u + 2 * turns * k) - modulus.third_kind(-0.8, u), whole)
     for amplitude in (2.0, -2.5, 3.1):
         sn, cn, _ = modulus.jacobi(np.array(modulus.first_kind(math.sin(amplitude), math.cos(amplitude))))
         np.testing.assert_allclose([sn, cn], [math.sin(amplitude), math.cos(amplitude)], atol=1e-12)
@@ -191,13 +179,12 @@ def test_elliptic_functions_are_scipys_where_those_are_good() -> None:
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("tilt", [1e-2, 1e-5, 1e-8])
 def test_nearly_steady_rotations(axis: int, tilt: float) -> None:
-    """As axis and momentum become parallel, errors grow only by the instability of the middle axis."""
+    """Errors grow only by the instability of the middle axis."""
     velocity = tilt * np.array([0.6, 0.5, -0.7])
     velocity[axis] = 1.0
     exact = EulerTop(np.diag([1.0, 1.6, 2.1]), velocity, START)
     motion = torque_free_body(exact.inertia).simulate(START, velocity, step=1e-3, steps=5000, every=500)
     np.testing.assert_allclose(exact.velocities(motion.times), motion.velocities, atol=1e-9)
-    np.testing.assert_allclose(exact.rotations(motion.times), motion.poses, atol=1e-9)
 
 
 def test_a_motion_does_not_follow_later_changes_of_the_callers_arrays() -> None:

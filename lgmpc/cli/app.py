@@ -263,6 +263,10 @@ def export(
         Path | None,
         option("Run, or kept runs of a sweep's folder, as a LeRobot dataset.", "--dataset", metavar="FOLDER"),
     ] = None,
+    c: Annotated[
+        Path | None,
+        option("The whole-body tick as a C library, with the run's ticks to replay.", "--c", metavar="FOLDER"),
+    ] = None,
     table: Annotated[
         str | None,
         option("Table of --csv and --parquet: ticks, mpc; of a solve nodes, intervals, iterations.", metavar="NAME"),
@@ -276,8 +280,8 @@ def export(
 
     files = {"--csv": csv, "--parquet": parquet, "--mcap": mcap, "--rrd": rrd}
     wanted = {name: file for name, file in files.items() if file is not None}
-    if not wanted and dataset is None:
-        raise InputError("lgmpc export", "no file", f"at least one of {', '.join(files)}, --dataset")
+    if not wanted and dataset is None and c is None:
+        raise InputError("lgmpc export", "no file", f"at least one of {', '.join(files)}, --dataset, --c")
     for name, file in wanted.items():
         if file.suffix != f".{name[2:]}":
             raise InputError(name, file.name, f"a file that ends in .{name[2:]}")
@@ -289,6 +293,14 @@ def export(
         stdout().print(f"wrote {dataset}: {episodes} episodes, {frames} frames", markup=False)
     for file in wanted.values():
         stdout().print(f"wrote {write(folder, file, table)}", markup=False)
+    if c is not None:
+        from lgmpc.config.continuing import export_tick
+
+        ticks = export_tick(folder, c)
+        stdout().print(f"wrote {c}: C sources and {ticks} ticks. Build and replay them:", markup=False)
+        stdout().print(
+            f"  cmake -S {c} -B {c}/build && cmake --build {c}/build && {c}/build/replay {c}/ticks.bin", markup=False
+        )
 
 
 @_command

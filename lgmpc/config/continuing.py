@@ -29,8 +29,11 @@ from lgmpc.runs.difference import first_difference
 from lgmpc.runs.folder import CONFIG_FILE, DEPLOYMENT_FILE
 from lgmpc.runs.result import Origin, host_info, versions
 from lgmpc.settings.dotted import differing
+from lgmpc.wbc.export import TickRecorder, write_tick_library
 
-__all__ = ["run_from"]
+__all__ = ["export_tick", "run_from"]
+
+_EXPORTED_S = 10.0
 
 
 def run_from(
@@ -64,6 +67,47 @@ def run_from(
         RunFolderError: the folder is not a complete run of a closed loop.
         LgmpcError: as from :func:`run_config`.
     """
+    recorded, before = _repeatable(run)
+    period = recorded.log.control_period_s
+    at = _tick(recorded, before, period, time_s) * period
+    config = _changed(before, dict(map(parse_assignment, changes)), at) if changes else before
+    repetition = _Repetition(recorded, before, config, at if changes else math.inf, at)
+    return run_session(config, repetition.prepare, out, notify=notify, progress=progress, verify=repetition.verify)
+
+
+def export_tick(run: str | Path | FinishedRun, folder: Path) -> int:
+    """Write the whole-body tick of a run's controller as a C library; see :mod:`lgmpc.wbc.export`.
+
+    The run is repeated up to its first change of settings, for 10 s at most: its ticks are part of the folder.
+
+    Returns:
+        The number of ticks.
+
+    Raises:
+        ReplayError: the run was not repeated bit for bit; names tick and channel.
+        InputError: the run is one of a robot, the folder is not empty, or the controller cannot be written in C.
+    """
+    recorded, config = _repeatable(run)
+    session = prepare(config)
+    assert isinstance(session, ClosedLoopSession)
+    first, end = session.earlier[0] if session.earlier else (session, session.rates.ticks)
+    end = min(end, round(_EXPORTED_S / first.rates.period))
+    recorder = TickRecorder(first.controller.wbc)
+    first.advance(lambda _: None, end)
+    repeated = first.recorder.log().decimated(config.log_every)
+    difference = first_difference(recorded.log, repeated, until_s=float(repeated.time[-1]) + 1e-9)
+    if difference is not None:
+        raise ReplayError(str(recorded.path), difference, _reason(recorded))
+    write_tick_library(first.controller.wbc, recorder.ticks, folder)
+    return len(recorder.ticks)
+
+
+def _repeatable(run: str | Path | FinishedRun) -> tuple[Run, Config]:
+    """Return a simulated run and its config.
+
+    Raises:
+        InputError: a run of a robot, or one whose computing times were measured.
+    """
     if not isinstance(run, (str, Path, FinishedRun)):
         raise InputError("run", type(run).__name__, "a run folder, or the value of run_config")
     recorded = RunFolder.load(run.folder.path if isinstance(run, FinishedRun) else run)
@@ -73,16 +117,12 @@ def run_from(
             f"{recorded.path}, a run of a robot",
             f"a simulated run, which can be repeated: `lgmpc run {recorded.path / CONFIG_FILE}` simulates its config",
         )
-    before = parse_config(recorded.config, name=str(recorded.path / CONFIG_FILE), folder=recorded.path)
-    period = recorded.log.control_period_s
-    at = _tick(recorded, before, period, time_s) * period
-    config = _changed(before, dict(map(parse_assignment, changes)), at) if changes else before
+    config = parse_config(recorded.config, name=str(recorded.path / CONFIG_FILE), folder=recorded.path)
     if "measured" in [part.timing.computing for _, part in config.parts()]:
         raise InputError(
             "timing.computing", "measured", "ideal or modelled: measured computing times are not repeatable"
         )
-    repetition = _Repetition(recorded, before, config, at if changes else math.inf, at)
-    return run_session(config, repetition.prepare, out, notify=notify, progress=progress, verify=repetition.verify)
+    return recorded, config
 
 
 @dataclass

@@ -34,7 +34,7 @@ from lgmpc.wbc.solver import WholeBodySolver
 from lgmpc.wbc.tasks import NumericTask, SymbolicTask, Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["Contacts", "WholeBodyQp"]
+__all__ = ["Contacts", "WholeBodyQp", "quadratic_programme"]
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,10 @@ class WholeBodyQp:
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
         joint_horizon: [look-ahead of the joints' limits, s; largest acceleration that they require, rad/s2].
+        symbolic: the tasks with weights whose rows the function computes.
+        numeric: those whose rows Python computes.
+        facets: of the friction pyramid at each contact point.
+        inputs: the buffers that a tick's function reads, in its order.
     """
 
     def __init__(
@@ -112,10 +116,10 @@ class WholeBodyQp:
         self.joint_friction = robot.joint_friction.copy()
         self.joint_horizon = np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2])
         assert settings.friction_facets is not None
-        self._terms, self._solver, self._facets = terms, solver, settings.friction_facets
+        self._terms, self._solver, self.facets = terms, solver, settings.friction_facets
         weighted = [task for task in tasks if task.weight.any()]
-        self._numeric = [task for task in weighted if isinstance(task, NumericTask)]
-        symbolic = [task for task in weighted if isinstance(task, SymbolicTask)]
+        self.numeric = [task for task in weighted if isinstance(task, NumericTask)]
+        self.symbolic = symbolic = [task for task in weighted if isinstance(task, SymbolicTask)]
         self._flags = np.zeros(robot.nc)
         self._friction: list[float] = []
         self._bias = np.zeros(nu)
@@ -129,31 +133,34 @@ class WholeBodyQp:
         torque_rows, self._torques_without_bias = s.inequality[:nu], s.values[:nu]
         self._hessian, self._gradient = s.hessian[:nv, :nv], s.gradient[:nv]
         self._pyramids = [
-            s.inequality[nu + i : nu + i + self._facets] for i in range(0, robot.nc * self._facets, self._facets)
+            s.inequality[nu + i : nu + i + self.facets] for i in range(0, robot.nc * self.facets, self.facets)
         ]
         self._first_force, self._forces = nv, s.solution[nv:]
         s.hessian[nv:, nv:] = weights.force * np.eye(3 * robot.nc)
-        pyramids = nu + robot.nc * self._facets
+        pyramids = nu + robot.nc * self.facets
         s.upper[nu:pyramids] = 0.0
         patches = robot.foot_points
         for foot, (first, count) in enumerate(zip(patches.starts.tolist(), patches.counts.tolist(), strict=True)):
             if not patches.single:
                 s.inequality[pyramids + foot, nv + 3 * first + 2 : nv + 3 * (first + count) : 3] = 1.0
-        self._run = StageKernel.of(_data, robot, symbolic).bind(
-            1,
-            q=terms.q,
-            v=terms.v,
-            stance=self._flags,
-            normals=self.contacts.normals.reshape(-1),
-            target_forces=self.contacts.target_forces.reshape(-1),
-            lowest_normal=self.contacts.lowest_normal,
-            highest_normal=self.contacts.highest_normal,
-            external_wrench=self.external_wrench,
-            limits=limits.reshape(-1),
-            horizon=self.joint_horizon,
-            joint_friction=self.joint_friction,
-            weights=np.array([weights.force, weights.acceleration]),
+        self.inputs = {
+            "q": terms.q,
+            "v": terms.v,
+            "stance": self._flags,
+            "normals": self.contacts.normals.reshape(-1),
+            "target_forces": self.contacts.target_forces.reshape(-1),
+            "lowest_normal": self.contacts.lowest_normal,
+            "highest_normal": self.contacts.highest_normal,
+            "external_wrench": self.external_wrench,
+            "limits": limits.reshape(-1),
+            "horizon": self.joint_horizon,
+            "weights": np.array([weights.force, weights.acceleration]),
+            "joint_friction": self.joint_friction,
             **{f"task_{i}": task.memory for i, task in enumerate(symbolic)},
+        }
+        self._run = StageKernel.of(quadratic_programme, robot, symbolic).bind(
+            1,
+            **self.inputs,
             hessian=s.hessian[:nv].reshape(-1),
             gradient=s.gradient,
             equality=s.equality.reshape(-1),
@@ -188,7 +195,7 @@ class WholeBodyQp:
         self._run()
         magnitude, slope = self._summary.tolist()
         self._level = slope == 0.0
-        return float(magnitude) + sum(map(self._add, self._numeric)) if self._numeric else magnitude
+        return float(magnitude) + sum(map(self._add, self.numeric)) if self.numeric else magnitude
 
     def write_torques(self, torques: Array) -> None:
         """Write the joint torques (nu,) of the solver's solution: ``M_j a + h_j + tau_f - J_cj^T f``."""
@@ -205,7 +212,7 @@ class WholeBodyQp:
         self._friction = friction
         for foot, (mu, rows) in enumerate(zip(friction, self._pyramids, strict=True)):
             column = self._first_force + 3 * foot
-            rows[:, column : column + 3] = friction_pyramid(mu, self._facets)
+            rows[:, column : column + 3] = friction_pyramid(mu, self.facets)
 
     def _add(self, task: NumericTask) -> float:
         """Add the rows of a task in Python to the cost; return the sum of squares of their right-hand side."""
@@ -216,7 +223,7 @@ class WholeBodyQp:
         return float(rhs @ rhs)
 
 
-def _data(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
+def quadratic_programme(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Function:
     """Return the data as a function; matrices are stored row by row, as in the solver."""
     model, nv, nu, nc = robot.symbolic, robot.nv, robot.nu, robot.nc
     base = nv - nu

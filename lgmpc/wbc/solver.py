@@ -25,9 +25,10 @@ from lgmpc.proxqp import proxqp
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["DualActiveSet", "WholeBodySolver"]
+__all__ = ["MOST_STEPS", "DualActiveSet", "WholeBodySolver"]
 
-_MOST_STEPS = 200  # limits added or removed in a solve
+MOST_STEPS = 200
+"""Limits that a solve may add or remove."""
 _INFEASIBILITY_TOLERANCE = 1e-10
 _NEWTON_STEPS = 10
 _MU_EQUALITIES, _MU_INEQUALITIES = 1e-5, 1e-3
@@ -153,6 +154,11 @@ class WholeBodySolver:
         return self._read_status()
 
     @property
+    def active(self) -> int:
+        """Limits that the next solve begins with."""
+        return self._active_set.active
+
+    @property
     def iterations(self) -> int:
         """Limits added and removed in the last solve; ProxQP's inner iterations if it took over."""
         return int(self._qp.results.info.iter) if self.took_over else self._active_set.steps
@@ -215,7 +221,7 @@ class DualActiveSet:
         (m, n), e = inequality.shape, len(equality)
         self.solution: Array = np.zeros(n)
         self.values: Array = np.zeros(m)
-        self._plan = np.array([n, e, m, _MOST_STEPS, 0, 0], dtype=np.int64)
+        self._plan = np.array([n, e, m, MOST_STEPS, 0, 0], dtype=np.int64)
         # The rest of the integers' memory holds flags of variables and limits, a byte each.
         integers = np.zeros(3 * n + (2 * n + m) // 4 + 1, dtype=np.int32)
         self._memory = (

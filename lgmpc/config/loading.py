@@ -83,6 +83,7 @@ _FORMER_KEYS = {
     "locomotion.contacts.patience_s": "touchdown_tolerance_s",
     "locomotion.reference.leash_m": "max_reference_lead_m",
     "locomotion.reference.yaw_leash_rad": "max_yaw_lead_rad",
+    "mpc.max_sweeps": "",
     "wbc.weights.carried_joints": "upper_body_joints",
 }
 """Keys in run folders of older versions, with the last part of their present names; "": they had no effect."""

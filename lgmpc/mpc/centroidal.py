@@ -20,7 +20,7 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.settings import NonNegative, Settings, Vector3
-from lgmpc.solvers import Solution, Status
+from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
 __all__ = ["CentroidalMpc", "CentroidalMpcSettings"]
@@ -102,7 +102,6 @@ class CentroidalMpc(SqpMpc):
         lowest, highest = s.normal_force(mass)
         problem.set("normal_force_min", lowest)
         problem.set("normal_force_max", highest)
-        self._highest = highest
         super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64), progress)
         self._contacts = contacts
         self.retune(s)
@@ -165,21 +164,9 @@ class CentroidalMpc(SqpMpc):
         return Trajectory(np.tile(self.problem.x0, (n + 1, 1)), self._u_reference[:n].reshape(n, nu))
 
     def _describe(self, t: float, trajectory: Trajectory, result: Solution) -> Plan:
-        return self._make_plan(t, trajectory.xs, self._forces(result))
-
-    def _forces(self, result: Solution) -> Array:
-        """Return (N, nc, 3) forces of the contacts, world axes; those of an iterate are moved into their cones."""
         n, nc = self.settings.nodes, self._contacts
         forces: Array = result.us.reshape(n, nc, 3) * self._flags[:n, :, None]
-        if result.status is not Status.TIME_LIMIT:
-            return forces
-        normals, friction = self._normals[:n], self._friction[:n]
-        pushing = np.vecdot(forces, normals)[..., None]
-        sideways = forces - pushing * normals
-        pushing = np.clip(pushing, 0.0, self._highest)
-        most = friction[..., None] * pushing / np.maximum(np.linalg.norm(sideways, axis=-1, keepdims=True), 1e-12)
-        inside: Array = pushing * normals + np.minimum(most, 1.0) * sideways
-        return inside
+        return self._make_plan(t, trajectory.xs, forces)
 
     def _standing_plan(self, t: float) -> Plan:
         n = self.settings.nodes

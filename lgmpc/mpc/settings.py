@@ -89,13 +89,6 @@ class MpcSettings(Settings):
         description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
         " small stages and in dense blocks for large ones.",
     )
-    max_sweeps: Count | None = Field(
-        default=None,
-        description="Most Riccati sweeps of active_set in a quadratic programme (50 us each for Solo12), after which"
-        " its best iterate is the plan: a push that changes many limits at once takes up to 60. Bounded plans are less"
-        " robust: with 12 or 20 sweeps, 3 or 4 of 12 pushes of 6 N.s make a standing robot fall that steps, without a"
-        " bound none does. null, and where there is no last plan: no limit.",
-    )
     sqp_iterations: Count = Field(
         default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
     )

@@ -18,7 +18,6 @@ from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
-from lgmpc.solvers.qp import ActiveSetSolver
 from lgmpc.typing import Array, BoolArray, IntArray
 
 __all__ = ["GRAVITY", "SqpMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
@@ -32,8 +31,6 @@ _LOG = logging.getLogger(__name__)
 # (forces, N) and its dynamics by less than this (m, N.s, N.m.s).
 _ACCEPTED_FORCE = 0.01
 _ACCEPTED_GAP = 0.01
-# Violation, in weights, of an iterate that is no guess for the next update.
-_ABSURD = 20.0
 
 
 class SqpMpc(ABC):
@@ -149,19 +146,14 @@ class SqpMpc(ABC):
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
                 return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
         self._trajectory = result.trajectory
-        if result.status is Status.TIME_LIMIT and result.kkt.constraint > _ABSURD * float(np.abs(self._weight).max()):
-            self.reset_guess()  # an iterate as far off as this is none
         status = MpcStatus.SOLVED if result.status is Status.STEPPED else MpcStatus.INACCURATE
         return self._keep(plan, status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
-        """Shift the last trajectory to the present; without one, start from rest, with as many sweeps as it takes."""
+        """Shift the last trajectory to the present; without one, start from rest."""
         h, nodes = self.settings.node_s, self.settings.nodes
         ahead = math.inf if self._guess_time is None else (t - self._guess_time) / h
-        known = 0.0 <= ahead <= nodes
-        if isinstance(self.solver.qp_solver, ActiveSetSolver):
-            self.solver.qp_solver.max_factorisations = self.settings.max_sweeps if known else None
-        if not known:
+        if not 0.0 <= ahead <= nodes:
             self.solver.set_guess(self._rest())
         else:
             while ahead > 0.0:

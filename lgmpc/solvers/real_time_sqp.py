@@ -118,14 +118,13 @@ class RealTimeSqp:
     def feedback(self, x0: Array) -> Solution:
         """Solve the prepared subproblem for the measured state x0 (nx,) and take the full step; never raises.
 
-        The status is STEPPED, ACCEPTABLE after a subproblem that was solved roughly, or TIME_LIMIT; of these two the
-        solution has the residual of the optimality conditions (that of all is :meth:`residual`). When the subproblem
-        has no usable solution the status is the QP solver's, and the current trajectory stays as it was.
+        The status is STEPPED, or ACCEPTABLE after a subproblem that was solved roughly, whose solution has the residual
+        of the optimality conditions (that of all is :meth:`residual`). When the subproblem has no usable solution the
+        status is the QP solver's, and the current trajectory stays as it was.
         """
         start = time.perf_counter()
         status, point = self._step(x0), self.qp_solver.solution
-        rough = status in (Status.ACCEPTABLE, Status.TIME_LIMIT)
-        kkt = self.residual() if rough else KktResidual.unknown()
+        kkt = self.residual() if status is Status.ACCEPTABLE else KktResidual.unknown()
         elapsed = time.perf_counter() - start
         return Solution(
             self.problem, self.xs.copy(), self.us.copy(), self._none, self._none[:, 0], point.costates.copy(),
@@ -147,7 +146,7 @@ class RealTimeSqp:
         f.xs_base[...], f.dxs[...] = f.xs, step.dxs
         f.retract()
         self.us += step.dus
-        return {Status.CONVERGED: Status.STEPPED, Status.TIME_LIMIT: status}.get(status, Status.ACCEPTABLE)
+        return Status.STEPPED if status is Status.CONVERGED else Status.ACCEPTABLE
 
 
 def _compile(state: State, progress: Callable[[str], None] | None) -> tuple[BatchKernel, StageKernel]:

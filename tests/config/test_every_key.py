@@ -172,7 +172,7 @@ SOLO = {
             PUSH.format(0.2, 0, 3.5, 0),
             "duration_s=0.6",
         ],
-        ("mpc.max_sweeps", "locomotion.swing.acceleration_m_s2", "locomotion.swing.longest_share"),
+        ("locomotion.swing.acceleration_m_s2", "locomotion.swing.longest_share"),
     ),
     "tilted": Scene(
         "solo12_fall",

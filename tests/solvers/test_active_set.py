@@ -132,28 +132,6 @@ def test_nearby_problems_take_few_sweeps(kind: Kind) -> None:
         assert solver.iterations <= most < cold and not solver.took_over
 
 
-def test_a_bounded_solve_returns_its_best_iterate_and_the_next_ones_go_on_from_there() -> None:
-    """As an update of an MPC that must not be late: each solve goes on from the multipliers of the last one."""
-    qp = random_problem(np.random.default_rng(3), 3.0)
-    dx0 = qp.x0  # type: ignore[attr-defined]
-    exact = solved(ActiveSetSolver(qp, riccati=SparseRiccati(qp)), dx0)
-    solver = ActiveSetSolver(qp, riccati=SparseRiccati(qp))
-    solver.max_factorisations = 6
-    solver.prepare()
-    left = []
-    for _ in range(12):
-        status = solver.solve(dx0)
-        assert solver.iterations <= 6
-        step, a, b = solver.solution, qp.dense("A"), qp.dense("B")
-        after = np.einsum("kij,kj->ki", a, step.dxs[:-1]) + np.einsum("kij,kj->ki", b, step.dus) + qp.vector("b")
-        np.testing.assert_allclose(step.dxs[1:], after, atol=1e-9)
-        left.append(np.abs(solver.solution.dus - exact.dus).max())
-        if status is Status.CONVERGED:
-            break
-        assert status is Status.TIME_LIMIT
-    assert len(left) > 1 and left[-1] < 1e-5
-
-
 @pytest.mark.parametrize("fault", ["bounds", "rows", "nan", "no control weight"])
 def test_unsolvable_problems_have_a_status_and_no_later_effect(kind: Kind, fault: str) -> None:
     qp = random_problem(np.random.default_rng(1), 3.0)

@@ -43,53 +43,61 @@ def test_steps_are_mehrotras() -> None:
     signs = np.vstack([-np.eye(6)[low], np.eye(6)[high]])
     bounds = np.concatenate([-lower.ravel()[low], upper.ravel()[high]])
     start = 0.7
-    path = CentralPath(lower, upper, start, 1e6)
-    weights, targets = np.zeros((2, 3)), np.zeros((2, 3))
+    rows, weights, targets, known = np.zeros((4, 2, 3))
+    known[0, 0], known[1, 1] = -5.0, 0.01
+    path = CentralPath(lower, upper, rows, weights, targets, known)
 
-    def rows() -> np.ndarray:
+    def minimise() -> None:
         """Minimise the cost ``1/2 h (row - c)^2`` with the penalties that the path has written."""
-        return (hessian * centre + weights * targets) / (hessian + weights)
+        rows[...] = (hessian * centre + weights * targets) / (hessian + weights)
 
-    path.begin(weights, targets)
-    first = rows()
-    path.start(first)
-    gap = bounds - signs @ first.ravel()
+    path.begin(start, 1e6)
+    minimise()
+    path.start()
+    gap = bounds - signs @ rows.ravel()
     worst = -gap.min()
     s, z = np.maximum(gap, worst), start * (np.maximum(-gap, 0.0) + 0.3 * worst)
+    z = np.maximum(z, signs @ known.ravel())  # known multipliers are where it begins, if they are large enough
+    assert (z == 5.0).sum() == 1
     for _ in range(5):
         problem = hessian.ravel(), centre.ravel(), signs, bounds, s, z
-        path.predict(weights, targets)
+        path.predict()
+        minimise()
         predicted, ds, dz = newton(*problem, np.zeros(s.size))
-        np.testing.assert_allclose(rows().ravel(), predicted, rtol=1e-9)
-        path.correct(rows(), targets)
+        np.testing.assert_allclose(rows.ravel(), predicted, rtol=1e-9)
+        path.correct()
+        minimise()
         length = longest(s, ds, z, dz)
         left, mean = (s + length * ds) @ (z + length * dz) / s.size, s @ z / s.size
         corrected, ds, dz = newton(*problem, mean * (left / mean) ** 3 - ds * dz)
-        np.testing.assert_allclose(rows().ravel(), corrected, rtol=1e-9)
-        assert path.step(rows())
+        np.testing.assert_allclose(rows.ravel(), corrected, rtol=1e-9)
+        assert path.step()
         length = min(1.0, 0.995 * longest(s, ds, z, dz))
         s, z = s + length * ds, z + length * dz
     assert path.settled
-    found, multipliers = path.active_rows()
-    np.testing.assert_allclose(found, np.clip(centre, lower, upper), atol=1e-4)
-    np.testing.assert_allclose(multipliers, hessian * (centre - found), atol=1e-3)
+    path.identify()
+    np.testing.assert_allclose(path.point, np.clip(centre, lower, upper), atol=1e-4)
+    np.testing.assert_allclose(path.multipliers, hessian * (centre - path.point), atol=1e-3)
 
 
 def test_equal_bounds_alone_are_reached_without_slacks() -> None:
     centre, bound = np.array([[0.3, -2.0]]), np.array([[1.0, 0.5]])
-    path = CentralPath(bound, bound, 0.7, 1e3)
-    weights, targets = np.zeros((1, 2)), np.zeros((1, 2))
+    rows, weights, targets = np.zeros((3, 1, 2))
+    path = CentralPath(bound, bound, rows, weights, targets, np.zeros((1, 2)))
 
-    def rows() -> np.ndarray:
-        return (centre + weights * targets) / (1.0 + weights)
+    def minimise() -> None:
+        rows[...] = (centre + weights * targets) / (1.0 + weights)
 
-    path.begin(weights, targets)
-    path.start(rows())
+    path.begin(0.7, 1e3)
+    minimise()
+    path.start()
     for _ in range(5):
-        path.predict(weights, targets)
-        path.correct(rows(), targets)
-        assert path.step(rows())
-    found, multipliers = path.active_rows()
-    np.testing.assert_array_equal(found, bound)
-    np.testing.assert_allclose(rows(), bound, atol=1e-10)
-    np.testing.assert_allclose(multipliers, centre - bound, rtol=1e-9)
+        path.predict()
+        minimise()
+        path.correct()
+        minimise()
+        assert path.step()
+    path.identify()
+    np.testing.assert_array_equal(path.point, bound)
+    np.testing.assert_allclose(rows, bound, atol=1e-10)
+    np.testing.assert_allclose(path.multipliers, centre - bound, rtol=1e-9)

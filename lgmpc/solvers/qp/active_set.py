@@ -10,16 +10,17 @@ number of active rows: scalar code where stages are small, dense blocks where th
 is convex and piecewise quadratic: the rows outside their (shifted) bounds are the active ones, and the minimiser of the
 piece that they define is one call of the Riccati solver with these rows penalised. Newton's method (Qi and Sun, "A
 nonsmooth version of Newton's method", Math. Prog. 58, 1993) calls it with the active rows of the last point until they
-stay the same, with an exact line search where phi would not decrease; then ``mu <- rho (row + mu / rho - nearest
-point)`` (Hestenes' and Powell's method of multipliers). From one iteration of an SQP, or one tick of an MPC, to the
-next few rows change: one to three sweeps confirm the active set that the multipliers imply.
+stay the same; then ``mu <- rho (row + mu / rho - nearest point)`` (Hestenes' and Powell's method of multipliers), with
+a larger rho from one time to the next. From one iteration of an SQP, or one tick of an MPC, to the next few rows
+change: one to three sweeps confirm the active set that the multipliers imply. Where more rows change in a sweep than
+in the one before, the guess was too far off, and the interior point method takes over.
 
 *Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the solver's
 with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
 of a primal-dual interior point method", SIAM J. Optim. 2, 1992; on optimal control problems: Frison and Diehl, "HPIPM",
-IFAC 2020). The predictor also identifies the active bounds: their slacks shrink, the others' multipliers do (El-Bakry,
-Tapia, Zhang, SIAM Review 36, 1994). As soon as these hardly change any more, the solve continues with active sets and
-ends exactly, without the ill-conditioned end of the central path.
+IFAC 2020). The path begins at known multipliers. The predictor also identifies the active bounds: their slacks shrink,
+the others' multipliers do (El-Bakry, Tapia, Zhang, SIAM Review 36, 1994). As soon as these hardly change any more, the
+solve continues with active sets and ends exactly, without the ill-conditioned end of the central path.
 """
 
 from __future__ import annotations
@@ -47,6 +48,10 @@ __all__ = ["ActiveSetSolver", "Penalties", "riccati_for"]
 
 _PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallbacks
 _FEW = 4  # rows that may change in any sweep of an active set, even if fewer did in the last one
+_NEAR = 0.01  # share of the rows that may change in the first sweep with the multipliers of the last solve
+_IDENTIFIED = 0.125  # the same with those of the central path
+_GROWTH = 10.0  # of the penalty with each update of the multipliers
+_STIFFEST = 1e5  # penalty beyond which it does not grow, in control weights
 _HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weights
 _START = 20.0  # penalty of all rows where the central path begins, in control weights
 
@@ -74,8 +79,6 @@ class ActiveSetSolver:
     Attributes:
         iterations: factorisations of the last solve, and the fallbacks' iterations if they took over.
         took_over: whether a fallback did the last solve.
-        max_factorisations: of a whole solve, after which the best iterate of the active sets is its result; None, as at
-            first, for no limit.
         may_take_over: whether fallbacks are used at all; without them the status of such solves is FAILED.
         available: whether the machine code is available.
 
@@ -101,7 +104,6 @@ class ActiveSetSolver:
         s = qp.structure
         self.qp, self.tolerance, self.max_sweeps, self.max_iterations = qp, tolerance, max_sweeps, max_iterations
         self.iterations = 0
-        self.max_factorisations: int | None = None
         self.took_over = False
         self.may_take_over = True
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
@@ -109,9 +111,10 @@ class ActiveSetSolver:
         self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)
         self._riccati = r = riccati_for(qp, progress) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
-        self._best, self._best_residual = QpSolution.zeros(qp), math.inf
         self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance, progress)
-        self.available = self.takes_indefinite = r.available and self._penalties.available
+        bounds = qp.vector("lower"), qp.vector("upper")
+        self._path = CentralPath(*bounds, r.rows, r.weights, r.targets, self.solution.multipliers, progress)
+        self.available = self.takes_indefinite = r.available and self._penalties.available and self._path.available
         self._scale, self._ready = 0.0, False
         block = s.blocks["R"]
         diagonal = block.where.start + np.flatnonzero(block.rows == block.columns)
@@ -138,29 +141,20 @@ class ActiveSetSolver:
             self._riccati.load()
 
     def solve(self, dx0: Array) -> Status:
-        """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`.
-
-        The status is TIME_LIMIT where ``max_factorisations`` did not suffice: the solution satisfies the
-        dynamics, and is that of all iterates with the least residual of bounds and complementarity.
-        """
-        self.iterations, self.took_over, self._best_residual = 0, False, math.inf
+        """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
+        self.iterations, self.took_over = 0, False
         self._riccati.dx0[...] = dx0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             if self._ready:
                 self._penalties.resume()
-                if self._active_set():
+                if self._active_set(_NEAR):
                     return Status.CONVERGED
-                if self._spent and math.isfinite(self._best_residual):
-                    return self._take_best()
             lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
             if finite and bool((lower > upper).any()):
                 return Status.INFEASIBLE
-            if self._ready and finite:
-                if self._interior_point():
-                    return Status.CONVERGED
-                if self._spent and math.isfinite(self._best_residual):
-                    return self._take_best()
+            if self._ready and finite and self._interior_point():
+                return Status.CONVERGED
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
             return Status.FAILED
@@ -203,13 +197,16 @@ class ActiveSetSolver:
         self._penalties.mu[...] = np.where(active, s.multipliers, 0.0)
         return self._active_set()
 
-    def _active_set(self) -> bool:
+    def _active_set(self, first: float = _IDENTIFIED) -> bool:
         """Minimise the augmented Lagrangian from point and multiplier estimates; False if that takes too many sweeps.
 
         Active are rows of the point that are outside their bounds, shifted by the multipliers.
+
+        Args:
+            first: share of the rows that may change in the first sweep.
         """
         r, p, tolerance = self._riccati, self._penalties, self.tolerance
-        cost, phi, allowed, searching = 0.0, math.inf, p.point.size / 8, False
+        p.rho, allowed = r.penalty * self._scale, p.point.size * first
         for _ in range(self.max_sweeps):
             p.penalise()
             if not self._factor():
@@ -217,69 +214,41 @@ class ActiveSetSolver:
             p.measure()
             if p.residual <= tolerance and self._accept():
                 return True
-            if p.residual < self._best_residual and self.max_factorisations is not None:
-                self._keep_best()
             if p.changed > max(allowed, _FEW):  # no contraction: the guess was too far off
-                if r.keeps_factors:
-                    return False
-                searching = True
+                return False
             allowed = p.changed
             if p.difference <= tolerance:  # the minimiser for these multipliers
                 p.mu[...], p.point[...] = r.multipliers, self._nearest_to(r.rows + r.multipliers)
-                phi = math.inf
-                continue
-            before, phi = phi, r.cost + 0.5 * p.rho * p.squares
-            if phi < before or not searching:
-                p.point[...], cost = r.rows, r.cost
-                continue
-            cost, phi = p.search(cost, r.cost)
+                p.rho = max(p.rho, min(_GROWTH * p.rho, _STIFFEST * self._scale))
+            else:
+                p.point[...] = r.rows
         return False
 
     def _interior_point(self) -> bool:
         """Follow the central path until the active rows are known; False if it does not converge."""
-        r, lower, upper = self._riccati, self.qp.vector("lower").copy(), self.qp.vector("upper").copy()
-        path = CentralPath(lower, upper, _START * self._scale, self._penalties.rho)
-        path.begin(r.weights, r.targets)
+        r, path = self._riccati, self._path
+        path.begin(_START * self._scale, self._penalties.rho)
         if not self._factor():
             return False
-        path.start(r.rows)
+        path.start()
         for _ in range(self.max_iterations):
-            path.predict(r.weights, r.targets)
+            path.predict()
             if not self._factor():
                 return False
-            path.correct(r.rows, r.targets)
+            path.correct()
             r.solve()
-            if not path.step(r.rows):
+            if not path.step():
                 return False
             if self._is_optimal():
                 return True
             if path.settled:
-                self._penalties.point[...], self._penalties.mu[...] = path.active_rows()
+                path.identify()
+                self._penalties.point[...], self._penalties.mu[...] = path.point, path.multipliers
                 if self._active_set():
                     return True
         return False
 
-    def _keep_best(self) -> None:
-        r = self._riccati
-        self._best.write(r.dxs, r.dus, r.costates, 0.0)
-        self._best_residual = self._penalties.residual
-
-    def _take_best(self) -> Status:
-        """Take the best point, with the multipliers of the last one, from which the next solve goes on."""
-        p, shift = self._penalties, self._penalties.mu / self._penalties.rho
-        outside = p.point - nearest_in(p.point, self.qp.vector("lower") - shift, self.qp.vector("upper") - shift)
-        best = self._best
-        self.solution.write(best.dxs, best.dus, best.costates, p.rho * outside)
-        return Status.TIME_LIMIT
-
-    @property
-    def _spent(self) -> bool:
-        most = self.max_factorisations
-        return most is not None and self.iterations >= most
-
     def _factor(self) -> bool:
-        if self._spent:
-            return False
         self.iterations += 1
         return self._riccati.factor() and math.isfinite(self._riccati.cost)
 
@@ -322,7 +291,6 @@ class Penalties:
         point: (N, ng) rows that define the active set.
         difference: largest difference of the multipliers from the augmented Lagrangian's.
         residual: largest residual of bounds and complementarity.
-        squares: sum of squares of the rows' distances from their shifted bounds.
         changed: number of rows that became active or inactive.
     """
 
@@ -340,19 +308,18 @@ class Penalties:
         self.available = path is not None
         self.mu: Array = np.zeros((s.nodes, s.ng))
         self.point: Array = np.zeros((s.nodes, s.ng))
-        self._numbers, self._measures, self._ends = np.array([least, 0.0]), np.zeros(4), np.zeros(2)
+        self._numbers, self._measures = np.array([least, 0.0]), np.zeros(3)
         r = riccati
         parts = (
             np.array([s.nodes, s.ng, s.size], dtype=np.int64), self._numbers, qp.vector("lower"), qp.vector("upper"),
             known, self.mu, self.point, r.weights, r.targets, r.rows, r.multipliers, self._measures,
-            self._ends,
         )  # fmt: skip
         self._memory = parts  # the frame contains addresses only
         self._frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
         if path is not None:
             library = ctypes.CDLL(str(path))
             self._resume, self._penalise = library.lgmpc_resume, library.lgmpc_penalise
-            self._measure, self._search = library.lgmpc_measure, library.lgmpc_search
+            self._measure = library.lgmpc_measure
 
     @property
     def rho(self) -> float:
@@ -371,22 +338,7 @@ class Penalties:
         """Write the penalties of the rows that are active at :attr:`point`."""
         self._penalise(self._frame)
 
-    def search(self, cost: float, cost_after: float) -> tuple[float, float]:
-        """Move :attr:`point` towards the solver's rows to where phi, the cost with penalties of all rows, is least.
-
-        Args:
-            cost: at the point.
-            cost_after: at the rows.
-
-        Returns:
-            The cost there, and phi.
-        """
-        self._ends[:] = cost, cost_after
-        self._search(self._frame)
-        cost, phi = self._ends.tolist()
-        return cost, phi
-
     def measure(self) -> None:
         """Write the multipliers with which the solver's minimiser is stationary, and the measures of its rows."""
         self._measure(self._frame)
-        self.difference, self.residual, self.squares, self.changed = self._measures.tolist()
+        self.difference, self.residual, self.changed = self._measures.tolist()

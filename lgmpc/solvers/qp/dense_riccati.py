@@ -35,7 +35,6 @@ class DenseRiccati(RiccatiSolver):
     """
 
     penalty = 1e7  # one update of the multipliers is enough; rounding is corrected
-    keeps_factors = True
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
         super().__init__(qp)

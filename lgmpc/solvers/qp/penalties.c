@@ -18,10 +18,8 @@ typedef struct {
   const double *numbers, *lower, *upper, *known; /* numbers: the least known multiplier that counts, rho */
   double *mu, *point, *weights, *targets;
   const double* rows;
-  double *multipliers, *measures, *search; /* search: cost at the point and at the rows; then the cost and phi */
+  double *multipliers, *measures;
 } Frame;
-
-#define BISECTIONS 10 /* of the length of a step: the function is flat where it is least */
 
 #define EACH_ROW \
   for (long long k = 0; k < f->plan[0]; ++k) \
@@ -55,7 +53,7 @@ EXPORT void lgmpc_penalise(const Frame* f) {
 
 EXPORT void lgmpc_measure(const Frame* f) {
   const double rho = f->numbers[1];
-  double difference = 0, residual = 0, squares = 0, changed = 0;
+  double difference = 0, residual = 0, changed = 0;
   EACH_ROW {
     BOUNDS
     const double shift = f->mu[i] / rho, row = f->rows[i], multiplier = f->weights[i] * (row - f->targets[i]);
@@ -66,39 +64,9 @@ EXPORT void lgmpc_measure(const Frame* f) {
     difference = apart > difference ? apart : difference;
     residual = error > residual ? error : residual;
     residual = lower - upper > residual ? lower - upper : residual; /* no row satisfies bounds that contradict */
-    squares += outside * outside;
     changed += (f->weights[i] != 0.0) != (outside != 0.0);
   }
   f->measures[0] = difference;
   f->measures[1] = residual;
-  f->measures[2] = squares;
-  f->measures[3] = changed;
-}
-
-/* The point of the step to the rows where phi = cost + rho/2 dist(rows, shifted bounds)^2 is least. The cost on the way
-   is quadratic; the slope of phi is monotone, its zero is found by bisection. */
-EXPORT void lgmpc_search(const Frame* f) {
-  const double rho = f->numbers[1], cost = f->search[0];
-  double end = 0, shortest = 0, longest = 1, length = 0, squares = 0;
-  EACH_ROW end -= f->multipliers[i] * (f->rows[i] - f->point[i]);
-  const double curvature = 2 * (end - (f->search[1] - cost)), slope = end - curvature;
-  for (int n = 0; n < BISECTIONS; ++n) {
-    double pull = 0;
-    length = 0.5 * (shortest + longest);
-    squares = 0;
-    EACH_ROW {
-      BOUNDS
-      const double shift = f->mu[i] / rho, step = f->rows[i] - f->point[i], there = f->point[i] + length * step;
-      const double outside = there - nearest(there, lower - shift, upper - shift);
-      pull += outside * step;
-      squares += outside * outside;
-    }
-    if (slope + length * curvature + rho * pull > 0)
-      longest = length;
-    else
-      shortest = length;
-  }
-  EACH_ROW f->point[i] += length * (f->rows[i] - f->point[i]);
-  f->search[0] = cost + length * (slope + 0.5 * length * curvature);
-  f->search[1] = f->search[0] + 0.5 * rho * squares;
+  f->measures[2] = changed;
 }

@@ -93,7 +93,7 @@ class QpSolver(Protocol):
     def solve(self, dx0: Array) -> Status:
         """Take over the vectors of :attr:`qp` and solve for the first state ``dx0`` (ndx,).
 
-        Returns CONVERGED, or ITERATION_LIMIT or TIME_LIMIT with an approximate solution; any other status leaves
+        Returns CONVERGED, or ITERATION_LIMIT with an approximate solution; any other status leaves
         :attr:`solution` as it was.
         """
 
@@ -125,8 +125,7 @@ class RiccatiSolver(ABC):
         available: whether there is machine code; else nothing can be called.
         penalty: largest weight, as a multiple of the median control weight, with which rounding leaves the result as
             accurate as :class:`~lgmpc.solvers.qp.ActiveSetSolver` requires by default.
-        keeps_factors: whether :meth:`solve` takes much less time than :meth:`factor`.
-        dx0: (ndx,) first state.
+            dx0: (ndx,) first state.
         weights: (N, ng) of the rows' penalties, not negative.
         targets: (N, ng) of the rows.
         dxs: (N+1, ndx) the minimiser's states.
@@ -138,7 +137,6 @@ class RiccatiSolver(ABC):
 
     available: bool
     penalty: float
-    keeps_factors: bool
 
     def __init__(self, qp: OcpQp) -> None:
         s = qp.structure

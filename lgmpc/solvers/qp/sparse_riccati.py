@@ -5,7 +5,8 @@ With the cost-to-go ``1/2 dx^T P dx + p^T dx``, and tildes on the stage's cost w
     M = R~ + B^T P B = L L^T,   Y = L^-1 (S~ + B^T P A),   y = L^-1 (r~ + B^T (P b + p)),
     P <- Q~ + A^T P A - Y^T Y,   p <- q~ + A^T (P b + p) - Y^T y,
 
-and the roll-out ``du = -L^-T (Y dx + y)``. Structural zeros cost nothing, and symmetric matrices are computed once.
+and the roll-out ``du = -L^-T (Y dx + y)``. Other targets change only p and y. Structural zeros cost nothing, and
+symmetric matrices are computed once.
 """
 
 from __future__ import annotations
@@ -33,24 +34,28 @@ class SparseRiccati(RiccatiSolver):
     """
 
     penalty = 1e4  # rounding is far below the tolerance, and is not corrected
-    keeps_factors = False
 
     def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
         super().__init__(qp)
         s, n = qp.structure, qp.structure.nodes
-        last, backward, forward, total = cached(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
+        kernels = cached(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
+        last, backward, revise, forward, total = kernels
         self.available = backward.compiled
         self.dx0 = self.dxs[0]
         togo = np.zeros((n + 1, backward.output_sizes["togo"]))
         factors = np.zeros((n, backward.output_sizes["factor"]))
         costs = np.zeros((n + 2, 1))  # of the intervals before each node, and of all
         self._cost = costs[n + 1]
-        self._calls = (
+        given = {"values": qp.values[::-1], "weights": self.weights[::-1], "targets": self.targets[::-1]}
+        self._factor = (
             last.bind(1, terminal_values=qp.terminal_values, togo=togo[n]),
-            backward.bind(
-                n, togo_next=togo[:0:-1], values=qp.values[::-1], weights=self.weights[::-1],
-                targets=self.targets[::-1], togo=togo[-2::-1], factor=factors[::-1],
-            ),
+            backward.bind(n, **given, togo_next=togo[:0:-1], togo=togo[-2::-1], factor=factors[::-1]),
+        )
+        self._revise = revise.bind(
+            n, **given, togo_next=togo[:0:-1], factor=factors[::-1], gradient=togo[-2::-1, -s.ndx :],
+            y=factors[::-1, -s.nu :],
+        )  # fmt: skip
+        self._roll_out = (
             forward.bind(
                 n, dx=self.dxs, values=qp.values, factor=factors, togo_next=togo[1:], cost=costs, dx_next=self.dxs[1:],
                 du=self.dus, costate=self.costates, rows=self.rows, cost_next=costs[1:],
@@ -60,19 +65,18 @@ class SparseRiccati(RiccatiSolver):
 
     def factor(self) -> bool:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
-        self.solve()
+        for call in (*self._factor, *self._roll_out):
+            call()
         return math.isfinite(self._cost[0])
 
     def solve(self) -> None:
-        """Minimise for other targets; factors are not kept."""
-        for call in self._calls:
+        """Minimise for other targets, the weights being those of the last :meth:`factor`."""
+        for call in (self._revise, *self._roll_out):
             call()
 
 
-def _compile(
-    s: OcpQpStructure, progress: Callable[[str], None] | None
-) -> tuple[StageKernel, StageKernel, StageKernel, StageKernel]:
-    """Return the cost-to-go of the last node, the sweep, the roll-out, the whole cost."""
+def _compile(s: OcpQpStructure, progress: Callable[[str], None] | None) -> tuple[StageKernel, ...]:
+    """Return the cost-to-go of the last node, the sweep, its part that targets change, the roll-out, the whole cost."""
     name = f"lqr_{s.ndx}_{s.nu}_{s.ng}"
     v, dx, cost = ca.SX.sym("v", s.terminal_size), ca.SX.sym("dx", s.ndx), ca.SX.sym("cost")
     m = s.matrices(v, last=True)
@@ -80,9 +84,8 @@ def _compile(
     last = ca.Function(f"{name}_last", [v], [ca.densify(ca.vertcat(triangle, m["q"]))], ["terminal_values"], ["togo"])
     whole = cost + ca.dot(dx, m["Q"] @ dx) / 2 + ca.dot(m["q"], dx)
     total = ca.Function(f"{name}_total", [v, dx, cost], [whole], ["terminal_values", "dx", "cost"], ["total"])
-    functions = (last, _backward(s, f"{name}_backward"), _forward(s, f"{name}_forward"), total)
-    kernels = [StageKernel(function, progress) for function in functions]
-    return kernels[0], kernels[1], kernels[2], kernels[3]
+    sweep = (_backward(s, f"{name}_backward"), _revise(s, f"{name}_revise"), _forward(s, f"{name}_forward"))
+    return tuple(StageKernel(function, progress) for function in (last, *sweep, total))
 
 
 def _backward(s: OcpQpStructure, name: str) -> ca.Function:
@@ -109,21 +112,29 @@ def _backward(s: OcpQpStructure, name: str) -> ca.Function:
     )
 
 
+def _revise(s: OcpQpStructure, name: str) -> ca.Function:
+    """Return ``(next cost-to-go, values, weights, targets, factor) -> (p, y)``."""
+    togo, v = ca.SX.sym("togo", _togo_size(s.ndx)), ca.SX.sym("v", s.size)
+    weights, targets = ca.SX.sym("weights", s.ng), ca.SX.sym("targets", s.ng)
+    m, factor = s.matrices(v), ca.SX.sym("factor", _factor_size(s))
+    lower, inverse, y_matrix, _ = _unpacked(s, factor)
+    big_p, p = _symmetric(togo, s.ndx)
+    pd, pull = big_p @ m["b"] + p, weights * targets
+    y = _solve_lower(lower, inverse, m["r"] - m["D"].T @ pull + m["B"].T @ pd)
+    gradient = m["q"] - m["C"].T @ pull + m["A"].T @ pd - y_matrix.T @ y
+    given, arguments = ["togo_next", "values", "weights", "targets", "factor"], [togo, v, weights, targets, factor]
+    return ca.Function(name, arguments, [ca.densify(gradient), ca.densify(y)], given, ["gradient", "y"])
+
+
 def _forward(s: OcpQpStructure, name: str) -> ca.Function:
     """Return ``(dx, values, factor, next cost-to-go, cost before) -> (dx+, du, costate, rows, cost after)``."""
-    nu, ndx = s.nu, s.ndx
-    dx, v, togo = ca.SX.sym("dx", ndx), ca.SX.sym("v", s.size), ca.SX.sym("togo", _togo_size(ndx))
-    before = ca.SX.sym("cost")
-    triangle = nu * (nu + 1) // 2
-    factor = ca.SX.sym("factor", triangle + nu + nu * ndx + nu)
-    lower_packed, inverse, y_flat, y = ca.vertsplit(
-        factor, [0, triangle, triangle + nu, triangle + nu + nu * ndx, triangle + nu + nu * ndx + nu]
-    )
-    lower = ca.SX(ca.Sparsity.lower(nu), lower_packed)
+    dx, v, togo = ca.SX.sym("dx", s.ndx), ca.SX.sym("v", s.size), ca.SX.sym("togo", _togo_size(s.ndx))
+    before, factor = ca.SX.sym("cost"), ca.SX.sym("factor", _factor_size(s))
+    lower, inverse, y_matrix, y = _unpacked(s, factor)
     m = s.matrices(v)
-    du = -_solve_lower_transposed(lower, inverse, ca.reshape(y_flat, nu, ndx) @ dx + y)
+    du = -_solve_lower_transposed(lower, inverse, y_matrix @ dx + y)
     dx_next = m["A"] @ dx + m["B"] @ du + m["b"]
-    big_p, p = _symmetric(togo, ndx)
+    big_p, p = _symmetric(togo, s.ndx)
     cost = ca.dot(dx, m["Q"] @ dx) / 2 + ca.dot(du, m["R"] @ du) / 2 + ca.dot(du, m["S"] @ dx)
     cost += ca.dot(m["q"], dx) + ca.dot(m["r"], du)
     outputs = [dx_next, du, big_p @ dx_next + p, m["C"] @ dx + m["D"] @ du, before + cost]
@@ -138,6 +149,18 @@ def _forward(s: OcpQpStructure, name: str) -> ca.Function:
 
 def _togo_size(ndx: int) -> int:
     return ndx * (ndx + 1) // 2 + ndx
+
+
+def _factor_size(s: OcpQpStructure) -> int:
+    return s.nu * (s.nu + 1) // 2 + s.nu * (s.ndx + 2)
+
+
+def _unpacked(s: OcpQpStructure, factor: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Return L, the inverses of its diagonal, Y and y of a packed factor."""
+    triangle, nu = s.nu * (s.nu + 1) // 2, s.nu
+    ends = [0, triangle, triangle + nu, triangle + nu + nu * s.ndx, _factor_size(s)]
+    lower, inverse, y_matrix, y = ca.vertsplit(factor, ends)
+    return ca.SX(ca.Sparsity.lower(nu), lower), inverse, ca.reshape(y_matrix, nu, s.ndx), y
 
 
 def _symmetric(togo: ca.SX, n: int) -> tuple[ca.SX, ca.SX]:

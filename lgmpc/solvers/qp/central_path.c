@@ -1,0 +1,160 @@
+/* Mehrotra's predictor and corrector in the rows of all stages; central_path.py says what is computed. */
+
+#include <math.h>
+
+#ifdef __clang__
+  #pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
+  #pragma GCC optimize ("O3,fp-contract=off")
+#endif
+#ifdef __GNUC__
+  #define EXPORT __attribute__((visibility("default")))
+#else
+  #define EXPORT
+#endif
+
+typedef struct {
+  double limit, sign, active; /* sign: -1 from below, 1 from above; active: whether the last prediction took the slack */
+  double slack, force, change; /* force: the multiplier; change: how much the product of the two has to */
+  double slack_step, force_step; /* to the rows of the last minimisation */
+  long long row;
+} Bound;
+
+typedef struct {
+  const long long* plan; /* stages, rows of each, how far apart the stages' bounds are */
+  const double *numbers, *lower, *upper, *known, *rows; /* numbers: penalty at the start, that of equal bounds */
+  double *weights, *targets, *held;
+  Bound* bounds; /* finite ones of rows that have an interior */
+  long long* count; /* of these */
+  double *point, *multipliers, *measures; /* measures: active bounds that changed, active bounds, length of the step */
+} Frame;
+
+#define FLOOR 0.3 /* least multiplier at first, as a share of the largest */
+#define TO_BOUNDARY 0.995 /* share of the longest step that keeps slacks and multipliers positive */
+
+#define EACH_ROW \
+  for (long long k = 0; k < f->plan[0]; ++k) \
+    for (long long j = 0, i = k * f->plan[1]; j < f->plan[1]; ++j, ++i)
+
+#define LIMITS const double lower = f->lower[k * f->plan[2] + j], upper = f->upper[k * f->plan[2] + j];
+
+#define EACH_BOUND for (Bound *b = f->bounds, *end = b + *f->count; b < end; ++b)
+
+static inline double nearest(double value, double lower, double upper) {
+  return value < lower ? lower : value > upper ? upper : value;
+}
+
+static inline void add(const Frame* f, double limit, double sign, long long row) {
+  const Bound bound = {.limit = limit, .sign = sign, .row = row};
+  if (isfinite(limit)) f->bounds[(*f->count)++] = bound;
+}
+
+EXPORT void lgmpc_path_begin(const Frame* f) {
+  *f->count = 0;
+  EACH_ROW {
+    LIMITS
+    f->weights[i] = f->numbers[lower == upper];
+    f->targets[i] = nearest(0.0, lower, upper);
+    f->held[i] = 0.0;
+    if (lower != upper) {
+      add(f, lower, -1.0, i);
+      add(f, upper, 1.0, i);
+    }
+  }
+}
+
+EXPORT void lgmpc_path_start(const Frame* f) {
+  double worst = 1e-6;
+  EACH_BOUND {
+    const double outside = b->sign * (f->rows[b->row] - b->limit);
+    worst = outside > worst ? outside : worst;
+  }
+  EACH_BOUND {
+    const double gap = b->sign * (b->limit - f->rows[b->row]), known = b->sign * f->known[b->row];
+    const double force = f->numbers[0] * ((gap < 0.0 ? -gap : 0.0) + FLOOR * worst);
+    b->slack = gap > worst ? gap : worst;
+    b->force = known > force ? known : force;
+  }
+}
+
+/* Write the targets of the Newton step on ``slack force = slack force + change``, with the weights force / slack. */
+static void aim(const Frame* f) {
+  EACH_ROW f->targets[i] = 0.0;
+  EACH_BOUND f->targets[b->row] += (b->force * b->limit - b->sign * b->change) / b->slack - 2.0 * b->sign * b->force;
+  EACH_ROW {
+    LIMITS
+    if (lower == upper)
+      f->targets[i] = upper - f->held[i] / f->numbers[1];
+    else if (f->weights[i] > 0.0)
+      f->targets[i] /= f->weights[i];
+  }
+}
+
+EXPORT void lgmpc_path_predict(const Frame* f) {
+  EACH_ROW {
+    LIMITS
+    f->weights[i] = lower == upper ? f->numbers[1] : 0.0;
+  }
+  EACH_BOUND {
+    f->weights[b->row] += b->force / b->slack;
+    b->change = -b->slack * b->force;
+  }
+  aim(f);
+}
+
+/* Compute the steps; return the longest one, at most 1, that makes no slack and no multiplier negative. */
+static double longest(const Frame* f) {
+  double most = 1.0; /* reciprocal */
+  EACH_BOUND {
+    b->slack_step = b->sign * (b->limit - f->rows[b->row]) - b->slack;
+    b->force_step = (b->change - b->force * b->slack_step) / b->slack;
+    const double taken = -b->slack_step / b->slack, released = -b->force_step / b->force;
+    most = taken > most ? taken : most;
+    most = released > most ? released : most;
+  }
+  return 1.0 / most;
+}
+
+EXPORT void lgmpc_path_correct(const Frame* f) {
+  const double length = longest(f);
+  double total = 0.0, left = 0.0, active = 0.0, changed = 0.0;
+  EACH_BOUND {
+    const double taken = b->slack_step * b->force < b->force_step * b->slack;
+    changed += taken != b->active;
+    active += taken;
+    b->active = taken;
+    total -= b->change;
+    left += (b->slack + length * b->slack_step) * (b->force + length * b->force_step);
+  }
+  const double share = left / total, centre = total > 0.0 ? total / (double)*f->count * share * share * share : 0.0;
+  EACH_BOUND b->change += centre - b->slack_step * b->force_step;
+  aim(f);
+  f->measures[0] = changed;
+  f->measures[1] = active;
+}
+
+EXPORT void lgmpc_path_step(const Frame* f) {
+  const double most = TO_BOUNDARY * longest(f), length = most < 1.0 ? most : 1.0;
+  EACH_BOUND {
+    b->slack += length * b->slack_step;
+    b->force += length * b->force_step;
+  }
+  EACH_ROW {
+    LIMITS
+    if (lower == upper) f->held[i] += length * f->numbers[1] * (f->rows[i] - upper);
+  }
+  f->measures[2] = length;
+}
+
+EXPORT void lgmpc_path_identify(const Frame* f) {
+  EACH_ROW {
+    LIMITS
+    f->point[i] = nearest(f->rows[i], lower, upper);
+    f->multipliers[i] = f->held[i];
+  }
+  EACH_BOUND
+    if (b->active != 0.0) {
+      f->point[b->row] = b->limit;
+      f->multipliers[b->row] += b->sign * b->force;
+    }
+}

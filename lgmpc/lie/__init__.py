@@ -2,8 +2,7 @@
 
 * :mod:`lgmpc.lie.so3`, :data:`lgmpc.lie.se3`, :data:`lgmpc.lie.sek3`: numpy, single or batched over leading axes;
   :mod:`lgmpc.lie.quaternion`: the double cover of SO(3), x y z w; :mod:`lgmpc.lie.attitude`: angles.
-* :mod:`lgmpc.lie.symbolic`: the same functions on CasADi expressions (``symbolic.so3``, ...); :class:`Poses` has the
-  formulas of SE(3) and SE_k(3).
+* :mod:`lgmpc.lie.symbolic`: the same functions on CasADi expressions (``symbolic.so3``, ...).
 
 Conventions: SE(3) twists and wrenches linear first, SE_k(3) tangents rotation first. ``coadjoint(xi) = ad(xi)^T`` and
 ``force_cross(xi) = -ad(xi)^T``. Left Jacobian: ``exp(xi + e) = exp(J e) exp(xi)``; right: ``exp(xi) exp(J e)``.
@@ -12,6 +11,5 @@ Logarithms return rotation vectors of norm at most pi; at exactly pi, the one wi
 
 from lgmpc.lie import attitude, quaternion, so3
 from lgmpc.lie.groups import se3, sek3
-from lgmpc.lie.poses import Poses
 
-__all__ = ["Poses", "attitude", "quaternion", "se3", "sek3", "so3"]
+__all__ = ["attitude", "quaternion", "se3", "sek3", "so3"]

@@ -1,49 +1,76 @@
-"""SE(3) and SE_k(3) on arrays, with their arguments checked."""
+"""SE(3) and SE_k(3) on arrays, with their arguments checked.
+
+Products, inverses and actions are numpy's; all other functions are evaluated expressions of :mod:`lgmpc.lie.symbolic`.
+"""
 
 from __future__ import annotations
+
+import functools
+import math
+from typing import Any
 
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie import checks
+from lgmpc.lie import checks, so3
 from lgmpc.lie.checks import ArrayFunction, Check, checked
 from lgmpc.lie.coefficients import Array
-from lgmpc.lie.poses import ArrayPoses
 
-__all__ = ["CheckedPoses", "se3", "sek3"]
+__all__ = ["ArrayPoses", "se3", "sek3"]
+
+_OF_MATRICES = ("vee", "log", "adjoint")
 
 
-class CheckedPoses:
-    """A group of poses, single or batched over leading axes; the formulas are those of :class:`ArrayPoses`.
+class ArrayPoses:
+    """A group of poses, single or batched over leading axes; formulas in :class:`lgmpc.lie.symbolic.Poses`.
 
     Every function validates its arguments (InputError); ``f.unchecked`` does not, as in :mod:`lgmpc.lie.so3`.
 
     Args:
-        poses: the group.
+        linear_first: the order of SE(3)'s tangent vectors.
         tangent: check of tangent vectors.
         pose: check of elements.
         algebra: check of matrices of the Lie algebra.
         vector: check of vectors that the group acts on.
     """
 
-    def __init__(self, poses: ArrayPoses, tangent: Check, pose: Check, algebra: Check, vector: Check) -> None:
-        of_tangent, of_pose = checked(tangent), checked(pose)
-        self.hat: ArrayFunction = of_tangent(poses.hat)
-        self.vee: ArrayFunction = checked(algebra)(poses.vee)
-        self.exp: ArrayFunction = of_tangent(poses.exp)
-        self.log: ArrayFunction = of_pose(poses.log)
-        self.compose: ArrayFunction = checked(pose, pose)(poses.compose)
-        self.inverse: ArrayFunction = of_pose(poses.inverse)
-        self.act: ArrayFunction = checked(pose, vector)(poses.act)
-        self.adjoint: ArrayFunction = of_pose(poses.adjoint)
-        self.ad: ArrayFunction = of_tangent(poses.ad)
-        self.coadjoint: ArrayFunction = of_tangent(poses.coadjoint)
-        self.force_cross: ArrayFunction = of_tangent(poses.force_cross)
-        self.left_jacobian: ArrayFunction = of_tangent(poses.left_jacobian)
-        self.right_jacobian: ArrayFunction = of_tangent(poses.right_jacobian)
-        self.left_jacobian_inverse: ArrayFunction = of_tangent(poses.left_jacobian_inverse)
-        self.right_jacobian_inverse: ArrayFunction = of_tangent(poses.right_jacobian_inverse)
-        self.from_parts: ArrayFunction = checked(checks.rotation, checks.tangent(3))(poses.from_parts)
+    def __init__(self, linear_first: bool, tangent: Check, pose: Check, algebra: Check, vector: Check) -> None:
+        self._linear_first = linear_first
+
+        def of_tangent(name: str) -> ArrayFunction:
+            def function(xi: Array) -> Array:
+                return self._evaluate(name, xi)
+
+            return checked(tangent)(function)
+
+        def of_pose(name: str) -> ArrayFunction:
+            def function(pose: Array) -> Array:
+                return self._evaluate(name, pose)
+
+            return checked(pose)(function)
+
+        def of_algebra(name: str) -> ArrayFunction:
+            def function(algebra: Array) -> Array:
+                return self._evaluate(name, algebra)
+
+            return checked(algebra)(function)
+
+        self.hat = of_tangent("hat")
+        self.vee = of_algebra("vee")
+        self.exp = of_tangent("exp")
+        self.log = of_pose("log")
+        self.compose: ArrayFunction = checked(pose, pose)(so3.compose.unchecked)
+        self.inverse: ArrayFunction = checked(pose)(_inverse)
+        self.act: ArrayFunction = checked(pose, vector)(self._act)
+        self.adjoint = of_pose("adjoint")
+        self.ad = of_tangent("ad")
+        self.coadjoint = of_tangent("coadjoint")
+        self.force_cross = of_tangent("force_cross")
+        self.left_jacobian = of_tangent("left_jacobian")
+        self.right_jacobian = of_tangent("right_jacobian")
+        self.left_jacobian_inverse = of_tangent("left_jacobian_inverse")
+        self.right_jacobian_inverse = of_tangent("right_jacobian_inverse")
+        self.from_parts: ArrayFunction = checked(checks.rotation, checks.tangent(3))(_from_parts)
 
     def identity(self, k: int = 1) -> Array:
         """Return the identity with k columns.
@@ -55,18 +82,63 @@ class CheckedPoses:
             raise InputError("k", k, "a whole number of columns, at least 1")
         return np.eye(3 + k)
 
+    def _evaluate(self, name: str, value: Array) -> Array:
+        """Return the values of one of the group's functions at vectors, or at matrices."""
+        sides = value.shape[-2:] if name in _OF_MATRICES else value.shape[-1:]
+        batch, n = value.shape[: -len(sides)], math.prod(value.shape[: -len(sides)])
+        rows, columns = self._function(name, sides).size_out(0)
+        # CasADi's memory: column after column.
+        entries = np.ascontiguousarray(np.swapaxes(value, -1, -2) if len(sides) > 1 else value)
+        result = np.empty((n, columns, rows))
+        if n:
+            memory, call = self._mapped(name, sides, n).buffer()
+            memory.set_arg(0, memoryview(entries.reshape(-1)))
+            memory.set_res(0, memoryview(result.reshape(-1)))
+            call()
+        found = np.ascontiguousarray(result.swapaxes(1, 2))
+        return found.reshape(*batch, rows, *([columns] if columns > 1 else []))
 
-se3 = CheckedPoses(
-    ArrayPoses(linear_first=True), checks.tangent(6), checks.placement, checks.twist_matrix, checks.tangent(3)
-)
+    @functools.lru_cache(maxsize=256)  # noqa: B019 - the two groups are not collected
+    def _mapped(self, name: str, sides: tuple[int, ...], n: int) -> Any:
+        """Return :meth:`_function` at n columns."""
+        return self._function(name, sides).map(n)
+
+    @functools.cache  # noqa: B019
+    def _function(self, name: str, sides: tuple[int, ...]) -> Any:
+        """Return a function of a column: a tangent vector, or the columns of a matrix."""
+        import casadi as ca
+
+        from lgmpc.lie import symbolic
+
+        group, x = symbolic.se3 if self._linear_first else symbolic.sek3, ca.SX.sym("x", *sides)
+        return ca.Function(name, [ca.vec(x)], [ca.densify(getattr(group, name)(x))])
+
+    def _act(self, pose: Array, vector: Array) -> Array:
+        if self._linear_first:
+            return pose[..., :3, 3] + so3.act.unchecked(pose[..., :3, :3], vector)
+        return so3.act.unchecked(pose, vector)
+
+
+def _inverse(pose: Array) -> Array:
+    back, result = np.swapaxes(pose[..., :3, :3], -1, -2), pose.copy()
+    result[..., :3, :3], result[..., :3, 3:] = back, -back @ pose[..., :3, 3:]
+    return result
+
+
+def _from_parts(rotation: Array, translation: Array) -> Array:
+    """Return the placement of a rotation (..., 3, 3) and a translation (..., 3), m."""
+    result = np.zeros((*np.broadcast_shapes(rotation.shape[:-2], translation.shape[:-1]), 4, 4))
+    result[..., :3, :3], result[..., :3, 3], result[..., 3, 3] = rotation, translation, 1.0
+    return result
+
+
+se3 = ArrayPoses(True, checks.tangent(6), checks.placement, checks.twist_matrix, checks.tangent(3))
 """SE(3): homogeneous matrices (..., 4, 4), tangent the twist (..., 6): linear first, then angular.
 
 Twists, adjoints and cross products are Pinocchio's (``Motion``, ``SE3.action``).
 """
 
-sek3 = CheckedPoses(
-    ArrayPoses(), checks.extended_tangent, checks.extended_pose, checks.extended_twist_matrix, checks.ambient
-)
+sek3 = ArrayPoses(False, checks.extended_tangent, checks.extended_pose, checks.extended_twist_matrix, checks.ambient)
 """SE_k(3), extended poses: matrices (..., 3 + k, 3 + k) of a rotation and k columns (k = 2: velocity and position).
 
 Tangent (..., 3 + 3k): rotation vector first, then one 3-vector a column, as in the invariant-filtering literature

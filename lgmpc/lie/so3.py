@@ -15,9 +15,8 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, quaternion
 from lgmpc.lie.checks import checked
-from lgmpc.lie.coefficients import Array, a_b, b_c, beta, d, delta, gamma
-from lgmpc.lie.components import Entries, matrix, norm, parts
-from lgmpc.lie.components import vector as stack
+from lgmpc.lie.coefficients import Array, a_b, b_c, d
+from lgmpc.lie.components import matrix, norm, parts
 
 __all__ = [
     "act",
@@ -33,10 +32,6 @@ __all__ = [
     "inverse",
     "left_jacobian",
     "left_jacobian_inverse",
-    "left_jacobian_inverse_product",
-    "left_jacobian_inverse_slope",
-    "left_jacobian_product",
-    "left_jacobian_slope",
     "log",
     "project",
     "right_jacobian",
@@ -171,48 +166,6 @@ def project(approximate: Array) -> Array:
     return product
 
 
-@checked(checks.tangent(3), checks.tangent(3))
-def left_jacobian_product(phi: Array, vector: Array) -> Array:
-    """Return ``J vector`` with the left Jacobian ``J``: the translation of SE(3)'s exponential."""
-    turn = parts(phi)
-    return stack(_twice_crossed(parts(vector), turn, *b_c(norm(*turn))))
-
-
-@checked(checks.tangent(3), checks.tangent(3))
-def left_jacobian_inverse_product(phi: Array, vector: Array) -> Array:
-    """Return ``J^{-1} vector`` with the left Jacobian ``J``: the linear part of SE(3)'s logarithm."""
-    turn = parts(phi)
-    return stack(_twice_crossed(parts(vector), turn, -0.5, d(norm(*turn))))
-
-
-@checked(checks.tangent(3), checks.tangent(3))
-def left_jacobian_slope(phi: Array, along: Array) -> Array:
-    """Return the derivative of :func:`left_jacobian` along a vector: ``hat(along) / 2`` at 0."""
-    turn = parts(phi)
-    angle = norm(*turn)
-    return matrix(_slope(turn, parts(along), *b_c(angle), beta(angle), gamma(angle)), 3)
-
-
-@checked(checks.tangent(3), checks.tangent(3))
-def left_jacobian_inverse_slope(phi: Array, along: Array) -> Array:
-    """Return the derivative of :func:`left_jacobian_inverse` along a vector: ``-hat(along) / 2`` at 0."""
-    turn = parts(phi)
-    angle = norm(*turn)
-    return matrix(_slope(turn, parts(along), -0.5, d(angle), 0.0, delta(angle)), 3)
-
-
-def _twice_crossed(linear: Entries, phi: Entries, first: Any, second: Any) -> Entries:
-    """Return ``linear + first phi x linear + second phi x (phi x linear)``."""
-    a, b, c = linear
-    x, y, z = phi
-    u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
-    return (
-        a + first * u + second * (y * w - z * v),
-        b + first * v + second * (z * u - x * w),
-        c + first * w + second * (x * v - y * u),
-    )
-
-
 def _polynomial(phi: Array, coefficients: Callable[[Any], tuple[Any, Any]]) -> Array:
     """Return ``I + first Phi + second Phi^2`` with two coefficients of the angle."""
     x, y, z = parts(phi)
@@ -222,28 +175,4 @@ def _polynomial(phi: Array, coefficients: Callable[[Any], tuple[Any, Any]]) -> A
     xx, yy, zz = second * x * x, second * y * y, second * z * z
     return matrix(
         (1.0 - (yy + zz), xy - w, xz + v, xy + w, 1.0 - (xx + zz), yz - u, xz - v, yz + u, 1.0 - (xx + yy)), 3
-    )
-
-
-def _slope(phi: Entries, rho: Entries, first: Any, second: Any, slope1: Any, slope2: Any) -> Entries:
-    """Return the entries of ``first P + second (Phi P + P Phi) + (phi . rho) (slope1 Phi + slope2 Phi^2)``."""
-    x, y, z = phi
-    a, b, c = rho
-    xa, yb, zc = x * a, y * b, z * c
-    along = xa + yb + zc
-    odd, even = along * slope1, along * slope2
-    u, v, w = first * a + odd * x, first * b + odd * y, first * c + odd * z
-    xy = second * (x * b + y * a) + even * x * y
-    xz = second * (x * c + z * a) + even * x * z
-    yz = second * (y * c + z * b) + even * y * z
-    return (
-        -2.0 * second * (yb + zc) - even * (y * y + z * z),
-        xy - w,
-        xz + v,
-        xy + w,
-        -2.0 * second * (xa + zc) - even * (x * x + z * z),
-        yz - u,
-        xz - v,
-        yz + u,
-        -2.0 * second * (xa + yb) - even * (x * x + y * y),
     )

@@ -114,7 +114,7 @@ def test_every_public_function_of_arrays_refuses_nan() -> None:
     for module in (so3, se3, sek3, quaternion):
         for name in getattr(module, "__all__", vars(module)):
             function = getattr(module, name)
-            if name == "identity":
+            if name == "identity" or name.startswith("_"):
                 continue
             parameters = len(inspect.signature(function).parameters)
             with pytest.raises(InputError):

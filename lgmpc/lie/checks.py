@@ -142,50 +142,34 @@ def finite(name: str, value: object) -> Array:
     return array
 
 
-def tangent(size: int) -> Check:
-    """Check vectors of ``size`` entries along the last axis."""
+def _shaped(expected: str, fits: Callable[[tuple[int, ...]], bool]) -> Check:
+    """Check the shape of arrays of finite entries."""
 
     def check(name: str, value: object) -> Array:
         array = finite(name, value)
-        return _shaped(name, array, array.ndim > 0 and array.shape[-1] == size, f"{size}")
+        if not fits(array.shape):
+            raise InputError(name, f"shape {array.shape}", f"shape (..., {expected}")
+        return array
 
     return check
 
 
-def extended_tangent(name: str, value: object) -> Array:
-    """Check tangent vectors of SE_k(3): 3 + 3k entries along the last axis."""
-    array = finite(name, value)
-    fits = array.ndim > 0 and array.shape[-1] >= 6 and array.shape[-1] % 3 == 0
-    return _shaped(name, array, fits, "3 + 3 k) with k >= 1")
-
-
-def ambient(name: str, value: object) -> Array:
-    """Check vectors that SE_k(3) acts on: 3 + k entries along the last axis."""
-    array = finite(name, value)
-    return _shaped(name, array, array.ndim > 0 and array.shape[-1] >= 4, "3 + k) with k >= 1")
+def tangent(size: int) -> Check:
+    """Check vectors of ``size`` entries along the last axis."""
+    return _shaped(f"{size})", lambda shape: shape[-1:] == (size,))
 
 
 def matrix(size: int) -> Check:
     """Check square matrices of ``size`` rows along the last two axes."""
-
-    def check(name: str, value: object) -> Array:
-        array = finite(name, value)
-        return _shaped(name, array, array.shape[-2:] == (size, size), f"{size}, {size}")
-
-    return check
+    return _shaped(f"{size}, {size})", lambda shape: shape[-2:] == (size, size))
 
 
-def extended_matrix(name: str, value: object) -> Array:
-    """Check square matrices of 3 + k >= 4 rows along the last two axes."""
-    array = finite(name, value)
-    fits = array.ndim > 1 and array.shape[-1] == array.shape[-2] >= 4
-    return _shaped(name, array, fits, "3 + k, 3 + k) with k >= 1")
-
-
-def _shaped(name: str, array: Array, fits: bool, expected: str) -> Array:
-    if not fits:
-        raise InputError(name, f"shape {array.shape}", f"shape (..., {expected}{'' if ')' in expected else ')'}")
-    return array
+extended_tangent = _shaped("3 + 3 k) with k >= 1", lambda s: bool(s) and s[-1] >= 6 and s[-1] % 3 == 0)
+"""Check tangent vectors of SE_k(3): 3 + 3k entries along the last axis."""
+ambient = _shaped("3 + k) with k >= 1", lambda s: bool(s) and s[-1] >= 4)
+"""Check vectors that SE_k(3) acts on: 3 + k entries along the last axis."""
+extended_matrix = _shaped("3 + k, 3 + k) with k >= 1", lambda s: len(s) > 1 and s[-1] == s[-2] >= 4)
+"""Check square matrices of 3 + k >= 4 rows along the last two axes."""
 
 
 def _both(*checks: Callable[[str, Any], Array | None]) -> Check:
@@ -200,10 +184,12 @@ def _both(*checks: Callable[[str, Any], Array | None]) -> Check:
     return check
 
 
+_FOUR = _shaped("4): x y z w", lambda shape: shape[-1:] == (4,))
+
+
 def quaternion(name: str, value: object) -> Array:
     """Check unit quaternions (..., 4), x y z w."""
-    array = finite(name, value)
-    _shaped(name, array, array.ndim > 0 and array.shape[-1] == 4, "4): x y z w")
+    array = _FOUR(name, value)
     length = np.sqrt(np.einsum("...i,...i->...", array, array))
     if np.any(np.abs(length - 1.0) > TOLERANCE):
         raise InputError(name, f"norm {_worst(length, 1.0):.9g}", f"norm 1 to {TOLERANCE:g}")

@@ -92,8 +92,8 @@ class ArrayPoses:
         result = np.empty((n, columns, rows))
         if n:
             memory, call = self._mapped(name, sides, n).buffer()
-            memory.set_arg(0, memoryview(entries.reshape(-1)))
-            memory.set_res(0, memoryview(result.reshape(-1)))
+            memory.set_arg(0, entries.reshape(-1).data)
+            memory.set_res(0, result.reshape(-1).data)
             call()
         found = np.ascontiguousarray(result.swapaxes(1, 2))
         return found.reshape(*batch, rows, *([columns] if columns > 1 else []))

@@ -56,30 +56,32 @@ class StateError(Residual):
 
 
 class _Difference(Residual):
-    """A quantity minus its reference.
-
-    Args:
-        nu: number of entries.
-        reference: default of the parameter ``reference``.
-    """
+    """A quantity minus its reference, the default of the parameter ``reference``."""
 
     meaning: ClassVar[str]
     """Description of the parameter."""
 
-    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
-        self.nr = nu
-        self.parameters = (Parameter("reference", nu, self.meaning, reference),)
+    def __init__(self, reference: ArrayLike = 0.0) -> None:
+        self.parameters = (Parameter("reference", self.nr, self.meaning, reference),)
 
     @abstractmethod
-    def quantity(self, s: StageSymbols) -> Any:
+    def _quantity(self, s: StageSymbols) -> Any:
         """Return the column from which the reference is subtracted."""
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
-        return self.quantity(s) - s["reference"]
+        return self._quantity(s) - s["reference"]
 
 
-class Control(_Difference):
+class _OfEach(_Difference):
+    """One number for each of nu joints."""
+
+    def __init__(self, nu: int, reference: ArrayLike = 0.0) -> None:
+        self.nr = nu
+        super().__init__(reference)
+
+
+class Control(_OfEach):
     """``u - reference`` (nu,).
 
     Args:
@@ -89,12 +91,11 @@ class Control(_Difference):
 
     meaning = "reference of the control"
 
-    def quantity(self, s: StageSymbols) -> Any:
-        """Return the control."""
+    def _quantity(self, s: StageSymbols) -> Any:
         return s.u
 
 
-class JointPosition(_Difference):
+class JointPosition(_OfEach):
     """Positions of the actuated joints minus ``reference`` (nu,), rad (m); of joints of one number each.
 
     Args:
@@ -104,12 +105,11 @@ class JointPosition(_Difference):
 
     meaning = "reference of the joint positions, rad"
 
-    def quantity(self, s: StageSymbols) -> Any:
-        """Return the positions."""
+    def _quantity(self, s: StageSymbols) -> Any:
         return s.q[s.robot.nq - self.nr :]
 
 
-class JointAcceleration(_Difference):
+class JointAcceleration(_OfEach):
     """Accelerations of the actuated joints minus ``reference`` (nu,), rad/s2 (m/s2).
 
     Args:
@@ -119,8 +119,7 @@ class JointAcceleration(_Difference):
 
     meaning = "reference of the joint accelerations, rad/s2"
 
-    def quantity(self, s: StageSymbols) -> Any:
-        """Return the accelerations."""
+    def _quantity(self, s: StageSymbols) -> Any:
         return s.a[s.robot.nv - self.nr :]
 
 
@@ -147,13 +146,10 @@ class CoMPosition(_Difference):
         reference: default of the parameter ``reference``.
     """
 
+    nr = 3
     meaning = "reference of the centre of mass, world, m"
 
-    def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(3, reference)
-
-    def quantity(self, s: StageSymbols) -> Any:
-        """Return the centre of mass."""
+    def _quantity(self, s: StageSymbols) -> Any:
         return s.com
 
 
@@ -164,13 +160,10 @@ class CoMVelocity(_Difference):
         reference: default of the parameter ``reference``.
     """
 
+    nr = 3
     meaning = "reference of the velocity of the centre of mass, world, m/s"
 
-    def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(3, reference)
-
-    def quantity(self, s: StageSymbols) -> Any:
-        """Return the velocity."""
+    def _quantity(self, s: StageSymbols) -> Any:
         return s.robot.vcom(s.q, s.v)
 
 
@@ -181,13 +174,10 @@ class CentroidalMomentum(_Difference):
         reference: default of the parameter ``reference``.
     """
 
+    nr = 6
     meaning = "reference of the centroidal momentum, world axes"
 
-    def __init__(self, reference: ArrayLike = 0.0) -> None:
-        super().__init__(6, reference)
-
-    def quantity(self, s: StageSymbols) -> Any:
-        """Return the momentum."""
+    def _quantity(self, s: StageSymbols) -> Any:
         return s.momentum
 
 
@@ -260,7 +250,7 @@ class FrameRotationMatrix(_Rotation):
         return ca.vec(rotation - desired) / math.sqrt(2.0)
 
 
-class FrameTranslation(Residual):
+class FrameTranslation(_Difference):
     """Position of a frame's origin minus ``reference`` (3,), world axes, m.
 
     Args:
@@ -269,14 +259,14 @@ class FrameTranslation(Residual):
     """
 
     nr = 3
+    meaning = "position to reach, world, m"
 
     def __init__(self, frame: str, reference: ArrayLike = 0.0) -> None:
         self.frame = frame
-        self.parameters = (Parameter("reference", 3, "position to reach, world, m", reference),)
+        super().__init__(reference)
 
-    def expression(self, s: StageSymbols) -> Any:
-        """Return the difference."""
-        return s.placement(self.frame).translation - s["reference"]
+    def _quantity(self, s: StageSymbols) -> Any:
+        return s.placement(self.frame).translation
 
 
 class FrameVelocity(Residual):

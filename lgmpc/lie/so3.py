@@ -61,6 +61,12 @@ def hat(phi: Array) -> Array:
     return result
 
 
+ad = hat
+"""The matrix of the bracket, ``ad(x) y = x x y``."""
+force_cross = hat
+"""``-ad(phi)^T``, as in the rate of a moment expressed in a rotating frame."""
+
+
 @checked(checks.skew)
 def vee(skew: Array) -> Array:
     """Return the vector of a skew matrix: the inverse of :func:`hat`."""
@@ -110,21 +116,9 @@ def adjoint(rotation: Array) -> Array:
 
 
 @checked(checks.tangent(3))
-def ad(phi: Array) -> Array:
-    """Return the matrix of the bracket, ``ad(x) y = x x y``."""
-    return hat.unchecked(phi)
-
-
-@checked(checks.tangent(3))
 def coadjoint(phi: Array) -> Array:
     """Return ``ad(phi)^T``: ``<coadjoint(x) m, y> = <m, [x, y]>``."""
     return hat.unchecked(-phi)
-
-
-@checked(checks.tangent(3))
-def force_cross(phi: Array) -> Array:
-    """Return ``-ad(phi)^T``, as in the rate of a moment expressed in a rotating frame."""
-    return hat.unchecked(phi)
 
 
 @checked(checks.tangent(3))

@@ -1,10 +1,9 @@
 """Time the compiled stage of Solo12's full-body dynamics: size, compile time, time of a stage, alone and in a batch.
 
-    python scripts/bench_actions.py [--repeat 2000] [--stages 20] [--threads 2]
+    python scripts/bench_actions.py [--repeat 2000] [--stages 20]
 
 Stance on four feet: state and control cost, and the friction pyramid as a barrier on each foot. Set LGMPC_CACHE_DIR to
-an empty folder to time the compiler instead of the cache. --threads compares that many with one, in turns; they need
-as many processors that do nothing else.
+an empty folder to time the compiler instead of the cache.
 """
 
 from __future__ import annotations
@@ -67,33 +66,11 @@ def measure(
     return {"compiler_s": took, "median_us": median, "least_us": least}
 
 
-def compare_threads(function: ca.Function, point: list[np.ndarray], options: argparse.Namespace) -> dict[str, float]:
-    """Return median time of a horizon, us, with one thread and with several, and whether the bits are the same."""
-    kernel = BatchKernel(function)
-    given = [np.tile(argument, (options.stages, 1)) for argument in point]
-    names = (*function.name_in(), *function.name_out())
-    calls, results = [], []
-    for number in (1, options.threads):
-        os.environ["LGMPC_THREADS"] = str(number)
-        results.append([np.zeros((options.stages, function.numel_out(i))) for i in range(function.n_out())])
-        calls.append(kernel.bind(options.stages, **dict(zip(names, (*given, *results[-1]), strict=True))))
-    samples = np.zeros((options.repeat, 2))
-    for row in samples:
-        for i, call in enumerate(calls):
-            begun = time.perf_counter()
-            call()
-            row[i] = time.perf_counter() - begun
-    one, several = (1e6 * np.median(samples, axis=0)).tolist()
-    same = all(np.array_equal(a, b) for a, b in zip(*results, strict=True))
-    return {"one_us": one, "several_us": several, "ratio": several / one, "same_bits": same}
-
-
 def main() -> None:
     """Print one line a function."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeat", type=int, default=2000, help="evaluations to take the median of")
     parser.add_argument("--stages", type=int, default=20, help="stages of an evaluation")
-    parser.add_argument("--threads", type=int, default=1, help="compare this many with one")
     add_json_option(parser)
     options = parser.parse_args()
     print_machine()
@@ -113,15 +90,6 @@ def main() -> None:
         ]
         print(f"{label:<12} {function.n_instructions():>12}{''.join(columns)}")
         figures[label] = {"instructions": function.n_instructions(), **each}
-        if options.threads > 1:
-            taken = compare_threads(function, list(arguments), options)
-            print(
-                "  horizon of {stages}: one thread {one_us:.0f} us, {threads} threads {several_us:.0f} us, ratio "
-                "{ratio:.2f}, {bits}".format(
-                    **vars(options), **taken, bits="the same bits" if taken["same_bits"] else "OTHER BITS"
-                )
-            )
-            figures[label][f"{options.threads} threads"] = taken
     write_record(options.json, figures)
 
 

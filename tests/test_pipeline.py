@@ -1,22 +1,17 @@
-"""Functions in sequence, in lanes, in threads, and interpreted."""
+"""Functions in sequence, in lanes, and interpreted."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.compile import BatchKernel, Pipeline, PipelineStep, compile_source, pipeline
-from lgmpc.compile.compiler import thread_count
+from lgmpc.compile import BatchKernel, Pipeline, PipelineStep
 from lgmpc.compile.simd import generate_simd
-from lgmpc.errors import CompileError, InputError
+from lgmpc.errors import CompileError
 
 needs_compiler = pytest.mark.skipif(
     all(shutil.which(name) is None for name in ("cc", "gcc", "clang")), reason="no C compiler is installed"
@@ -94,100 +89,3 @@ def test_what_is_no_list_of_scalar_operations_has_no_lanes() -> None:
     m = ca.MX.sym("m", 3, 3)
     with pytest.raises(CompileError, match="not a list of scalar operations"):
         generate_simd(ca.Function("inverse", [m], [ca.inv(m)]))
-
-
-@needs_compiler
-@pytest.mark.parametrize("stages", [1, 8, 9, 19, 70])
-def test_any_number_of_threads_gives_the_same_bits(stages: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "_WORTH_A_THREAD", 0)
-    rng = np.random.default_rng(stages)
-    a, b = rng.normal(size=(stages, 9)), rng.normal(size=(stages, 12))
-    kernel = BatchKernel(solve_and_shift())
-    found = []
-    for threads in ("1", "2", "3", "63"):
-        monkeypatch.setenv("LGMPC_THREADS", threads)
-        x, y = np.full((stages + 1, 12), 7.0), np.full((stages + 1, 20), 7.0)
-        call = kernel.bind(stages, a=a, b=b, x=x, y=y)
-        for _ in range(3):
-            x[:stages] = y[:stages] = 0.0
-            assert call() == 0
-            found.append((x.copy(), y.copy()))
-    for x, y in found[1:]:
-        np.testing.assert_array_equal(x, found[0][0])
-        np.testing.assert_array_equal(y, found[0][1])
-
-
-@needs_compiler
-def test_several_callers_share_the_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pipeline, "_WORTH_A_THREAD", 0)
-    monkeypatch.setenv("LGMPC_THREADS", "2")
-    rng, kernel = np.random.default_rng(1), BatchKernel(solve_and_shift())
-
-    def evaluate(a: np.ndarray, b: np.ndarray) -> bool:
-        x, y = np.zeros((64, 12)), np.zeros((64, 20))
-        call = kernel.bind(64, a=a, b=b, x=x, y=y)
-        call()
-        first = x.copy(), y.copy()
-        for _ in range(200):
-            x[...] = y[...] = 0.0
-            call()
-            if not (np.array_equal(x, first[0]) and np.array_equal(y, first[1])):
-                return False
-        return True
-
-    given = [(rng.normal(size=(64, 9)), rng.normal(size=(64, 12))) for _ in range(4)]
-    with ThreadPoolExecutor(4) as pool:
-        assert all(pool.map(evaluate, *zip(*given, strict=True)))
-
-
-FORKED = """
-import os, sys
-import numpy as np
-from lgmpc.compile import pipeline
-from test_pipeline import BatchKernel, solve_and_shift
-pipeline._WORTH_A_THREAD = 0
-a, b, x, y = np.ones((64, 9)), np.ones((64, 12)), np.zeros((64, 12)), np.zeros((64, 20))
-call = BatchKernel(solve_and_shift()).bind(64, a=a, b=b, x=x, y=y)
-call()
-expected = y.copy()
-child = os.fork()
-y[...] = 0.0
-call()
-same = np.array_equal(y, expected)
-if child == 0:
-    os._exit(0 if same else 1)
-sys.exit(0 if same and os.waitpid(child, 0)[1] == 0 else 1)
-"""
-
-
-@needs_compiler
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_a_forked_process_has_threads_of_its_own() -> None:
-    environment = {**os.environ, "LGMPC_THREADS": "2", "PYTHONPATH": str(Path(__file__).parent)}
-    done = subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED], env=environment, timeout=120)
-    assert done.returncode == 0
-
-
-@needs_compiler
-def test_without_posix_threads_one_thread_does_all(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    def refuse(name: str, source: str) -> Path | None:
-        if name == "lgmpc_team":
-            raise CompileError(name, "cc", "pthread.h: no such file")
-        return compile_source(name, source)
-
-    monkeypatch.setattr(pipeline, "_WORTH_A_THREAD", 0)
-    monkeypatch.setattr(pipeline, "compile_source", refuse)
-    monkeypatch.setenv("LGMPC_THREADS", "2")
-    a, b, x, y = np.ones((64, 9)), np.ones((64, 12)), np.zeros((64, 12)), np.zeros((64, 20))
-    assert BatchKernel(solve_and_shift()).bind(64, a=a, b=b, x=x, y=y)() == 0
-    np.testing.assert_allclose(y[:, :12], 2.0)
-    assert "LGMPC_THREADS has no effect" in caplog.text
-
-
-@pytest.mark.parametrize("value", ["0", "two", "64", "-1"])
-def test_impossible_numbers_of_threads_are_refused(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LGMPC_THREADS", value)
-    with pytest.raises(InputError, match=r"LGMPC_THREADS.*1 to 63"):
-        thread_count()

@@ -12,9 +12,6 @@ Environment:
 * ``CC`` chooses the C compiler, ``LGMPC_CFLAGS`` adds flags to lgmpc's own.
 * ``LGMPC_CFLAGS=-DLANES=1`` (2, 4, 8) chooses how many stages a ``BatchKernel`` evaluates at a time (default: as many
   doubles as the processor's vectors hold).
-* ``LGMPC_THREADS=2`` (up to 63) evaluates the parts of a ``BatchKernel``'s horizon in so many threads, each on work
-  memory of its own, with the same bits; it is read when memory is bound. It needs as many idle processors, because the
-  threads wait for each other: 1 unless set.
 """
 
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from lgmpc.errors import CompileError, InputError
 
-__all__ = ["FLAGS", "Compiler", "compiler_for_functions", "find_compiler", "jit_enabled", "thread_count"]
+__all__ = ["FLAGS", "Compiler", "compiler_for_functions", "find_compiler", "jit_enabled"]
 
 # Measured with gcc 12 on the Jacobians of Solo12's inverse dynamics (26,000 scalar statements): -O1 3.4 s and 4.4 us a
 # call, -O2 8 s and 3.9 us, -O3 no better. -march=native (from _describe) saves 16 % of a call: AVX needs fewer moves.
@@ -44,7 +44,6 @@ _UNSAFE_FLAGS = ("-ffast-math", "-Ofast", "-funsafe-math-optimizations", "-ffini
 _CANDIDATES = ("cc", "gcc", "clang")
 _warned = False
 _warning = threading.Lock()
-_MOST_THREADS = 63  # of team.c
 _processors = threading.BoundedSemaphore(os.cpu_count() or 1)  # of compilers that run at once in this process
 
 
@@ -133,18 +132,6 @@ def jit_enabled() -> bool:
     if value in ("0", "false", "no", "off"):
         return False
     raise InputError("LGMPC_JIT", repr(value), "0 (interpret) or 1 (compile)")
-
-
-def thread_count() -> int:
-    """Return the number of threads that evaluate a horizon: ``LGMPC_THREADS``, 1 unless set.
-
-    Raises:
-        InputError: it is not a number from 1 to 63.
-    """
-    value = os.environ.get("LGMPC_THREADS", "").strip() or "1"
-    if not (value.isdecimal() and 1 <= int(value) <= _MOST_THREADS):
-        raise InputError("LGMPC_THREADS", repr(value), f"a number of threads, 1 to {_MOST_THREADS}")
-    return int(value)
 
 
 def compiler_for_functions() -> Compiler | None:

@@ -9,26 +9,19 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from itertools import pairwise
 
 import casadi
 import numpy as np
 
-from lgmpc.compile.compiler import Compiler, thread_count
+from lgmpc.compile.compiler import Compiler
 from lgmpc.compile.native import Progress, aligned_zeros, compile_source, load_library
 from lgmpc.compile.simd import SQUARES
-from lgmpc.errors import CompileError
 from lgmpc.typing import Array
 
 __all__ = ["Entries", "Pipeline", "PipelineLayout", "PipelineStep", "bind_pipeline", "load_pipeline"]
-
-_log = logging.getLogger("lgmpc.compile")
-_WORTH_A_THREAD = 200_000
-"""Operations of a horizon from which threads pay: some 20 us."""
 
 Entries = tuple[tuple[str, int], ...]
 """Column and index of each entry of a result."""
@@ -172,7 +165,6 @@ class PipelineLayout:
         plan: of the steps, as ``pipeline.c`` reads it.
         arguments: most arguments and results of a step.
         work: numbers of all columns.
-        operations: of a stage.
     """
 
     inputs: Mapping[str, tuple[int, int]]
@@ -181,7 +173,6 @@ class PipelineLayout:
     plan: tuple[int, ...]
     arguments: int
     work: int
-    operations: int
 
     @classmethod
     def of(cls, pipeline: Pipeline) -> PipelineLayout:
@@ -202,7 +193,6 @@ class PipelineLayout:
             tuple(plan),
             max((step.function.n_in() + step.function.n_out() for step in pipeline.steps), default=0),
             sum(sizes.values()),
-            sum(step.repeats * step.function.n_instructions() for step in pipeline.steps),
         )
 
 
@@ -213,63 +203,13 @@ def bind_pipeline(
     arrays: Sequence[Array],
     strides: Sequence[int],
 ) -> Callable[[], int]:
-    """Return the call that evaluates all stages on this memory: arrays of inputs, then outputs, and their strides.
-
-    With ``LGMPC_THREADS`` above 1, parts of a long horizon are evaluated at the same time, with the same bits.
-    """
-    libraries[0].lgmpc_pipeline_lanes.restype = ctypes.c_longlong
-    lanes, threads = libraries[0].lgmpc_pipeline_lanes(), thread_count()
-    parts = min(threads, -(-stages // lanes)) if stages * layout.operations >= _WORTH_A_THREAD else 1
-    team = _load_team() if parts > 1 else None
-    if team is None:
-        parts = 1
-    # Whole groups of lanes: what a group computes does not depend on the number of threads.
-    starts = [min(stages, lanes * (-(-stages // lanes) * part // parts)) for part in range(parts + 1)]
-    frames = [
-        _frame(layout, libraries, stop - start, _rows_from(arrays, strides, start), arrays, strides)
-        for start, stop in pairwise(starts)
-    ]
-    driver = libraries[0].lgmpc_pipeline
-    if team is None:
-        return functools.partial(driver, ctypes.byref(frames[0]))
-    number = np.array([parts], dtype=np.int64)
-    function = ctypes.cast(driver, ctypes.c_void_p).value
-    whole = (ctypes.c_void_p * (2 + parts))(number.ctypes.data, function, *map(ctypes.addressof, frames))
-    whole.keep = (number, *frames)  # type: ignore[attr-defined]
-    return functools.partial(team.lgmpc_team, ctypes.byref(whole))
-
-
-def _load_team() -> ctypes.CDLL | None:
-    """Load what distributes parts over threads; None where there are no POSIX threads."""
-    source = files("lgmpc.compile").joinpath("team.c").read_text(encoding="utf-8")
-    try:
-        return ctypes.CDLL(str(compile_source("lgmpc_team", source)))
-    except (CompileError, OSError) as error:
-        _log.warning("LGMPC_THREADS has no effect: %s", str(error).splitlines()[0])
-        return None
-
-
-def _rows_from(arrays: Sequence[Array], strides: Sequence[int], start: int) -> list[int]:
-    """Return the addresses of arrays' rows of a stage."""
-    return [array.ctypes.data + start * stride * array.itemsize for array, stride in zip(arrays, strides, strict=True)]
-
-
-def _frame(
-    layout: PipelineLayout,
-    libraries: Sequence[ctypes.CDLL],
-    stages: int,
-    rows: Sequence[int],
-    arrays: Sequence[Array],
-    strides: Sequence[int],
-) -> ctypes.Array[ctypes.c_void_p]:
-    """Return the driver's argument for consecutive stages, with work memory of its own.
+    """Return the call that evaluates all stages on this memory, with work memory of its own.
 
     Args:
         layout: of the pipeline.
         libraries: the driver's and of each step.
         stages: their number.
-        rows: address of each array's first row.
-        arrays: of inputs, then outputs, which the frame keeps.
+        arrays: of inputs, then outputs, which the call keeps.
         strides: of the arrays.
     """
     driver, *steps = libraries
@@ -286,7 +226,8 @@ def _frame(
         measure.restype = ctypes.c_longlong
         scratch = max(scratch, measure())
         functions.append(ctypes.cast(library[f"{name}_lanes"], ctypes.c_void_p).value)
-    base = np.array(rows, dtype=np.uintp)
+    base = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
+    driver.lgmpc_pipeline_lanes.restype = ctypes.c_longlong
     memory = aligned_zeros(driver.lgmpc_pipeline_lanes() * (layout.work + scratch))
     given = np.zeros(layout.arguments, dtype=np.uintp)
     parts = (
@@ -300,4 +241,4 @@ def _frame(
     frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
     # The frame contains addresses only: keep what they point to as long as the frame.
     frame.keep = (*parts, *arrays, *libraries)  # type: ignore[attr-defined]
-    return frame
+    return functools.partial(driver.lgmpc_pipeline, ctypes.byref(frame))

@@ -114,29 +114,6 @@ class Unknowns:
         pulled = through.T @ gradient
         return _mirrored(blocks), [direct[i].T @ gradient + slopes[i].T @ pulled for i in n]
 
-    def hessian(self, expression: Any, *variables: Any) -> Any:
-        """Return the exact Hessian of a scalar with respect to all variables, in one matrix.
-
-        With multipliers nu of the equations, for which the Lagrangian ``expression + nu^T g`` is stationary in the
-        unknowns, it is ``[I S^T] W [I; S]``: W the Hessian of the Lagrangian by variables and unknowns, S the slopes.
-        """
-        if self._found and not self._slopes:
-            self._solve(variables)
-        lagrangian, multipliers = expression, []
-        for i, unknown in reversed(list(enumerate(self._found))):
-            size = unknown.symbol.shape[0]
-            nu = ca.SX.sym(f"nu{i}", size)
-            pulled = ca.gradient(lagrangian, unknown.symbol)
-            multipliers.append((nu, -unknown.solve(ca.SX.eye(size)).T @ pulled))
-            lagrangian += ca.dot(nu, unknown.residual)
-        every = ca.vertcat(*variables)
-        whole, _ = ca.hessian(lagrangian, ca.vertcat(every, *(unknown.symbol for unknown in self._found)))
-        onto = ca.vertcat(ca.SX.eye(every.shape[0]), *(ca.horzcat(*slopes) for slopes in self._slopes))
-        result = onto.T @ whole @ onto
-        for nu, value in reversed(multipliers):  # a multiplier depends on those of later unknowns
-            result = ca.substitute(result, nu, value)
-        return ca.triu2symm(ca.triu(result))
-
     def resolve(self, inputs: list[Any], outputs: list[Any]) -> list[Any]:
         """Return the outputs, functions of the inputs and the unknowns, with the unknowns' values substituted."""
         for unknown in reversed(self._found):

@@ -1,7 +1,7 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
-from lgmpc.ocp.functions import LagrangianHessians, PathFunctions, SubproblemFunctions
+from lgmpc.ocp.functions import PathFunctions, SubproblemFunctions
 from lgmpc.ocp.kkt import KktConditions, KktResidual
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
@@ -17,7 +17,6 @@ __all__ = [
     "FreePhase",
     "KktConditions",
     "KktResidual",
-    "LagrangianHessians",
     "MultipleShooting",
     "OcpQp",
     "OcpQpStructure",

@@ -214,18 +214,17 @@ def _pipeline(name: str, action: Action, symbols: Mapping[str, Any], outputs: Ma
     return Pipeline(name, inputs, steps, entries)
 
 
-def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int, full: str = "") -> OcpQpStructure:
+def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int) -> OcpQpStructure:
     """Return the structure of the linear-quadratic problems of stages that have the same numbers of controls and rows.
 
     Args:
         stages: of the distinct actions of a horizon.
         terminal: the action whose terminal cost applies to the last state.
         nodes: number of intervals.
-        full: names of matrices that are stored whole.
     """
     last = terminal.terminal_quadratic_function
-    blocks, size = _blocks([stage.patterns for stage in stages], full)
-    last_blocks, last_size = _blocks([{name: last.sparsity_out(name) for name in _TERMINAL}], full)
+    blocks, size = _blocks([stage.patterns for stage in stages])
+    last_blocks, last_size = _blocks([{name: last.sparsity_out(name) for name in _TERMINAL}])
     (ndx, nu), ng = blocks["B"].shape, blocks["lower"].shape[0]
     return OcpQpStructure(nodes, ndx, nu, ng, blocks, last_blocks, size, last_size)
 
@@ -270,10 +269,10 @@ def _padded(m: dict[str, Any], nu: int, ng: int) -> dict[str, Any]:
     return {name: m[name] for name in _STAGE}
 
 
-def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]], full: str) -> tuple[dict[str, Block], int]:
+def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]]) -> tuple[dict[str, Block], int]:
     """Return each block's stored entries, all that are not structurally zero in one of the patterns, and their number.
 
-    Vectors are stored whole, so that they can be viewed as arrays; so are the matrices named in ``full``.
+    Vectors are stored whole, so that they can be viewed as arrays.
     """
     blocks: dict[str, Block] = {}
     start = 0
@@ -281,7 +280,7 @@ def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]], full: str) -> tuple[d
         pattern = first
         for other in patterns[1:]:
             pattern = pattern + other[name]
-        if name not in _MATRICES or name in full:
+        if name not in _MATRICES:
             pattern = ca.Sparsity.dense(*pattern.shape)
         rows, columns = (np.array(index, dtype=np.int64) for index in pattern.get_triplet())
         blocks[name] = Block(pattern.shape, rows, columns, slice(start, start + rows.size))

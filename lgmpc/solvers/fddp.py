@@ -25,9 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.ocp import KktResidual, LagrangianHessians, ShootingFunctions, ShootingProblem, Trajectory
+from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
 from lgmpc.solvers.box import BoxSweep, ControlBounds, bounded_rows
-from lgmpc.solvers.curvature import CURVATURES
 from lgmpc.solvers.fddp_settings import FddpSettings
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, settings_of
 from lgmpc.solvers.solution import Solution, Timings
@@ -113,11 +112,9 @@ class Fddp(IterativeSolver):
         self._check_constraints()
         self.functions = ShootingFunctions(problem, progress)
         self.sweep = self._make_sweep(progress)
-        f = self.functions
-        self._exact = LagrangianHessians(problem, f.xs, f.us, progress) if self.settings.hessian == "exact" else None
         self._clock, self._regularization = [0.0, 0.0, 0.0], _Regularization(self.settings)
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
-        self._finite = self._curved = False  # whether the expansion is, and whether exact Hessians were tried in it
+        self._finite = False  # whether the expansion is
         self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
 
     def _check_constraints(self) -> None:
@@ -314,7 +311,7 @@ class Fddp(IterativeSolver):
         f.expand()
         self._cost = _sum(f.costs)
         self._finite = math.isfinite(self._cost)  # of all else that is not finite, the sweep fails
-        self._fresh, self._swept, self._curved = True, False, False
+        self._fresh, self._swept = True, False
         self._clock[0] += time.perf_counter() - start
 
     def _sweep(self) -> bool:
@@ -328,28 +325,12 @@ class Fddp(IterativeSolver):
         while self._finite and not self._swept and not self._regularization.exhausted:
             self._regularization.increase()
             self._swept = self.sweep.run(self._regularization.value, closed=self._closed)
-        if self._swept and self._exact is not None and not self._curved:
-            self._swept = self._curve(self._exact)
         self._clock[1] += time.perf_counter() - start
         return self._swept
 
     def _all_finite(self) -> bool:
         f = self.functions
         return all_finite(f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient)
-
-    def _curve(self, exact: LagrangianHessians) -> bool:
-        """Sweep with exact Hessians of the last sweep's multipliers, or with the largest part tried that is convex."""
-        f = self.functions
-        exact.costates[...] = self.sweep.value_gradient[1:]
-        exact.evaluate()
-        self._curved = True
-        convex, last = f.hessian.copy(), f.last_hessian.copy()
-        for part in CURVATURES:
-            f.hessian[...] = convex + part * (exact.hessian - convex)
-            f.last_hessian[...] = last + part * (exact.last_hessian - last)
-            if self.sweep.run(self._regularization.value, closed=self._closed):
-                return True
-        return False
 
     def _try(self, alpha: float) -> float:
         """Roll out with a step length and return the cost, NaN where it diverges."""

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from lgmpc.settings import NonNegative, Positive, problem
-from lgmpc.solvers.curvature import Hessians
 from lgmpc.solvers.loop import SolverSettings
 
 __all__ = ["FddpSettings"]
@@ -33,7 +32,6 @@ class FddpSettings(SolverSettings):
         description="Largest entry of the Lagrangian's gradient of a solution, per 1 + the largest multiplier; "
         ".inf: of any size, as in Crocoddyl.",
     )
-    hessian: Hessians = "gauss_newton"
     step_lengths: Annotated[tuple[_StepLength, ...], Field(min_length=1)] = Field(
         default=tuple(2.0**-i for i in range(10)), description="Step lengths, tried in this order."
     )

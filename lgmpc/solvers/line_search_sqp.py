@@ -34,7 +34,7 @@ from pydantic import Field
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.curvature import Hessians, is_minimum, solve_curved
+from lgmpc.solvers.curvature import is_minimum
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.qp import ActiveSetSolver, DenseRiccati, QpSolver, make_qp_solver
 from lgmpc.solvers.solution import Solution, Timings
@@ -68,7 +68,6 @@ class LineSearchSqpSettings(SolverSettings):
     tolerance: Annotated[float, Field(strict=True, ge=_LEAST_TOLERANCE, le=1e9, allow_inf_nan=False)] = Field(
         default=1e-6, description="Largest residual of the optimality conditions of a solution."
     )
-    hessian: Hessians = "gauss_newton"
 
 
 class LineSearchSqp(IterativeSolver):
@@ -100,8 +99,7 @@ class LineSearchSqp(IterativeSolver):
     ) -> None:
         self.problem = problem
         self.settings = settings_of(problem, settings, LineSearchSqpSettings)
-        self._exact = self.settings.hessian == "exact"
-        self.functions = SubproblemFunctions(problem, progress, exact=self._exact)
+        self.functions = SubproblemFunctions(problem, progress)
         self._report = progress
         self._globaliser: AugmentedLagrangianFddp | None = None  # made when it is first needed
         self._global = self._was_global = False  # whether it is working, and whether it has been in this solve
@@ -128,7 +126,7 @@ class LineSearchSqp(IterativeSolver):
         self._global = self._was_global = self._near = self._attempted = False
         self._attempt_below = _ATTEMPT_BELOW
         self._best, self._idle = np.inf, 0
-        self._take_over(False)
+        self.qp_solver.may_take_over = False  # as long as steps can still be left to the augmented Lagrangian
         self._start = Trajectory(f.xs.copy(), f.us.copy())
         self._linearize(0)
         self._kkt = KktResidual.unknown()
@@ -182,7 +180,7 @@ class LineSearchSqp(IterativeSolver):
     def _start_globaliser(self) -> bool:
         """Start the augmented Lagrangian from the current point; False if it does not take the problem."""
         self._was_global = True
-        self._take_over(True)
+        self.qp_solver.may_take_over = True
         if self._globaliser is None:
             tolerance = max(self.settings.tolerance, 1e-9)
             settings = AugmentedLagrangianSettings(tolerance=tolerance)
@@ -190,10 +188,6 @@ class LineSearchSqp(IterativeSolver):
         self._globaliser._known = None
         self._global = self._globaliser._begin(self._start) is None
         return self._global
-
-    def _take_over(self, allowed: bool) -> None:
-        """Set whether a slow solver takes the subproblems that lgmpc's own does not solve."""
-        self.qp_solver.may_take_over = allowed or not self.qp_solver.takes_indefinite
 
     def _return_to_steps(self, status: Status, attempt: bool = False) -> Status | None:
         """Continue with steps of the SQP where the augmented Lagrangian has ended with a status, or has not yet."""
@@ -222,11 +216,7 @@ class LineSearchSqp(IterativeSolver):
     def _step(self) -> Status | None:
         """Take one step of the SQP; return a status if it was the last."""
         f, s = self.functions, self.settings
-        if self._exact:
-            known = self._costates, self._multipliers
-            status, kept = solve_curved(f, self.qp_solver, *known, self._subproblem)
-        else:
-            status, kept = self._subproblem()
+        status, kept = self._subproblem()
         if not status.usable:
             return status
         step = self.qp_solver.solution
@@ -320,8 +310,7 @@ class LineSearchSqp(IterativeSolver):
             upper[...] = whole[2] - kept * np.minimum(whole[2], 0.0)
             self.qp_solver.prepare()
             status = self.qp_solver.solve(np.zeros(qp.structure.ndx))
-            unsolved = status is Status.FAILED and not self._exact  # whether it is infeasible is not known
-            if status is not Status.INFEASIBLE and not unsolved:
+            if status not in (Status.INFEASIBLE, Status.FAILED):  # of a failed one it is not known whether it is
                 break
         gaps[...], lower[...], upper[...] = whole  # a failed subproblem is not followed by another expansion
         self._clock[1] += time.perf_counter() - start

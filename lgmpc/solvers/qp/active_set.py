@@ -114,7 +114,7 @@ class ActiveSetSolver:
         self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance, progress)
         bounds = qp.vector("lower"), qp.vector("upper")
         self._path = CentralPath(*bounds, r.rows, r.weights, r.targets, self.solution.multipliers, progress)
-        self.available = self.takes_indefinite = r.available and self._penalties.available and self._path.available
+        self.available = r.available and self._penalties.available and self._path.available
         self._scale, self._ready = 0.0, False
         block = s.blocks["R"]
         diagonal = block.where.start + np.flatnonzero(block.rows == block.columns)

@@ -66,7 +66,6 @@ class GeneralQpSolver(ABC):
     """
 
     name: str
-    takes_indefinite = False
     may_take_over = True
     module: ClassVar[str]
     """Of the package."""

@@ -76,7 +76,6 @@ class QpSolver(Protocol):
         qp: the problem.
         solution: of the last solve.
         iterations: that the last solve took.
-        takes_indefinite: whether it solves problems that are convex along the active rows only.
         may_take_over: whether a slower one may solve what it does not; without meaning where there is none.
     """
 
@@ -84,7 +83,6 @@ class QpSolver(Protocol):
     qp: OcpQp
     solution: QpSolution
     iterations: int
-    takes_indefinite: bool
     may_take_over: bool
 
     def prepare(self) -> None:

@@ -5,11 +5,9 @@ from lgmpc.actions.centroidal import CentroidalAction
 from lgmpc.actions.contacts import Contact
 from lgmpc.actions.dynamics import (
     ContactForwardDynamics,
-    ContactInverseDynamics,
     Dynamics,
     ExternalWrench,
     FreeForwardDynamics,
-    FreeInverseDynamics,
     Load,
     Motion,
 )
@@ -28,13 +26,11 @@ __all__ = [
     "ChooseStretch",
     "Contact",
     "ContactForwardDynamics",
-    "ContactInverseDynamics",
     "Cost",
     "CostTerm",
     "Dynamics",
     "ExternalWrench",
     "FreeForwardDynamics",
-    "FreeInverseDynamics",
     "HoldAction",
     "ImpulseAction",
     "Integrator",

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.actions.contacts import Contact, ContactSet
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.costs import Bounded, Parameter
+from lgmpc.costs import Parameter
 from lgmpc.errors import InputError
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import StateMultibody
@@ -22,11 +22,9 @@ from lgmpc.typing import instance, numbers
 
 __all__ = [
     "ContactForwardDynamics",
-    "ContactInverseDynamics",
     "Dynamics",
     "ExternalWrench",
     "FreeForwardDynamics",
-    "FreeInverseDynamics",
     "Load",
     "Motion",
     "actuated",
@@ -41,13 +39,11 @@ class Motion:
         a: (nv,) acceleration.
         tau: efforts of the actuated joints, None if the dynamics does not compute them.
         forces: contact forces (3,) or wrenches (6,) by frame, world axes, on the robot.
-        path: constraint that makes control and motion consistent.
     """
 
     a: Any
     tau: Any
     forces: Mapping[int | str, Any] = field(default_factory=dict)
-    path: Bounded = field(default_factory=Bounded.stack)
 
 
 class Dynamics(ABC):
@@ -245,77 +241,6 @@ class FreeForwardDynamics(Dynamics):
     def forces(self, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
         """Return (nv,) the generalised forces other than gravity and inertial forces."""
         return self.actuation @ u - values["drag_linear"] * v - values["drag_quadratic"] * ca.fabs(v) * v
-
-
-class FreeInverseDynamics(Dynamics):
-    """u = accelerations; no contacts. Efforts follow from ``M a + nle``.
-
-    Cheaper to expand than forward dynamics, as nothing is factorised. Efforts are costs or bounds by a
-    residual of ``s.tau``. The generalised forces without actuator, of passive joints or of a free
-    base with fewer than six thrusters, are zero by a path constraint.
-
-    Args:
-        model: the robot.
-        actuation: (nv, nu) B of full column rank; unless given, the identity on all joints but the free base.
-
-    Raises:
-        InputError: a matrix of the wrong shape or rank.
-        ModelError: unsupported joints.
-    """
-
-    def __init__(self, model: pin.Model, actuation: ArrayLike | None = None) -> None:
-        matrix = _actuation(model, actuation).full()
-        rows, values, _ = np.linalg.svd(matrix)
-        if matrix.shape[1] > matrix.shape[0] or values.min(initial=np.inf) < 1e-9 * values.max(initial=1.0):
-            raise InputError("actuation", f"shape {matrix.shape}, of lower rank", "a matrix of full column rank")
-        # Rows of the identity, where a joint is passive, rather than an orthonormal basis of these.
-        passive = np.eye(len(matrix))[~matrix.any(axis=1)]
-        others = len(matrix) - matrix.shape[1] - len(passive)
-        free = rows[:, matrix.shape[1] :].T if others else passive
-        self._unactuated = ca.sparsify(ca.DM(free))
-        super().__init__(model, int(model.nv), ())
-
-    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
-        """Return the control as accelerations, with zero generalised forces of what is not actuated as a constraint."""
-        efforts = self.robot.rnea(q, v, u)
-        rows = self._unactuated @ efforts
-        zero = ca.SX.zeros(rows.shape[0])
-        return Motion(u, efforts[actuated(self.model)], path=Bounded(rows, zero, zero))
-
-
-class ContactInverseDynamics(Dynamics):
-    """u = [accelerations; contact forces]; the equations of motion are path constraints.
-
-    The path constraint holds the free base's equations of motion and, for each contact,
-    ``J a + dJ/dt v + Baumgarte = 0`` or, in the air, zero force. Efforts follow from the other equations: bound them
-    with a constraint on ``s.tau``.
-
-    Args:
-        model: the robot; its base, if free, is not actuated.
-        contacts: names of frames (points) or contacts.
-
-    Raises:
-        InputError: a contact frame that is unknown or named twice.
-        ModelError: unsupported joints.
-    """
-
-    def __init__(self, model: pin.Model, contacts: Sequence[str | Contact]) -> None:
-        self.contacts = ContactSet(model, contacts)
-        parameters = (*self.contacts.parameters, *self.contacts.anchors)
-        super().__init__(model, int(model.nv) + self.contacts.nf, parameters)
-
-    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
-        """Return the control's accelerations and forces, with the equations of motion as a constraint."""
-        robot, contacts, nv = self.robot, self.contacts, self.robot.nv
-        a, f = u[:nv], u[nv:]
-        flags = contacts.flags(values)
-        external = contacts.by_frame(flags * f, robot, q)
-        efforts = robot.rnea(q, v, a, external)
-        joints = actuated(self.model)
-        held = flags * contacts.acceleration(robot, q, v, a, values)
-        rows = ca.vertcat(efforts[: joints.start], held + (1 - flags + values["contact_damping"]) * f)
-        zero = ca.SX.zeros(rows.shape[0])
-        return Motion(a, efforts[joints], external, Bounded(rows, zero, zero))
 
 
 def _actuation(model: pin.Model, actuation: ArrayLike | None) -> ca.DM:

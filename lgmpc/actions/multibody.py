@@ -155,7 +155,7 @@ class MultibodyAction(ItemAction):
         x_next, motion = self.integrator.step(self.dynamics, x[:nq], x[nq:], u, values, unknowns)
         symbols = StageSymbols(self.robot, x, values, u=u, a=motion.a, tau=motion.tau, forces=motion.forces)
         cost = cost_of(self.costs, symbols, scale=values["duration"])
-        path = Bounded.stack(motion.path, constraint_of(self.constraints, symbols))
+        path = constraint_of(self.constraints, symbols)
         return Stage(x_next, cost, path, self.integrator.move(x[nq:], x_next[nq:], values))
 
 

@@ -2,7 +2,7 @@
 
 from lgmpc.ocp.free_durations import FreeDurations, FreePhase
 from lgmpc.ocp.functions import PathFunctions, SubproblemFunctions
-from lgmpc.ocp.kkt import KktConditions, KktResidual
+from lgmpc.ocp.kkt import KktResidual, kkt_residual
 from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.ocp.quadratic import Block, OcpQp, OcpQpStructure
@@ -15,7 +15,6 @@ __all__ = [
     "DerivativeReport",
     "FreeDurations",
     "FreePhase",
-    "KktConditions",
     "KktResidual",
     "MultipleShooting",
     "OcpQp",
@@ -26,5 +25,6 @@ __all__ = [
     "SubproblemFunctions",
     "Trajectory",
     "check_derivatives",
+    "kkt_residual",
     "transcribe",
 ]

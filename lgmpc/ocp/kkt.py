@@ -1,19 +1,16 @@
-"""Residuals of the optimality conditions of a linear-quadratic problem, compiled for any number of nodes."""
+"""Residuals of the optimality conditions of a linear-quadratic problem."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
-from lgmpc.compile import BatchKernel, cached
-from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
+from lgmpc.ocp.quadratic import OcpQp
 from lgmpc.typing import Array
 
-__all__ = ["KktConditions", "KktResidual", "complementarity"]
+__all__ = ["KktResidual", "complementarity", "kkt_residual"]
 
 
 @dataclass(frozen=True)
@@ -58,8 +55,10 @@ def complementarity(multipliers: Array, rows: Array | float, lower: Array, upper
     return residual
 
 
-class KktConditions:
-    """The optimality conditions of an :class:`~lgmpc.ocp.OcpQp` at a point, read from its own memory.
+def kkt_residual(
+    qp: OcpQp, costates: Array, multipliers: Array, step: tuple[Array, Array] | None = None
+) -> KktResidual:
+    """Return the residual of a linear-quadratic problem's optimality conditions; all NaN at a point that is not finite.
 
     With costates lambda_1 .. lambda_N of the dynamics ``A dx + B du + b - dx+ = 0`` and multipliers mu of the path
     constraint (positive at an active upper bound, negative at a lower one) the Lagrangian is stationary in
@@ -67,104 +66,46 @@ class KktConditions:
 
     Args:
         qp: the problem.
-        progress: called with a description of what is being compiled.
+        costates: (N, ndx) lambda_1 .. lambda_N.
+        multipliers: (N, ng).
+        step: (N+1, ndx) states and (N, nu) controls; zero unless given, where a subproblem's residual is that of the
+            nonlinear problem at the point of expansion.
     """
-
-    def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
-        s = qp.structure
-        n = s.nodes
-        costates = np.zeros((n + 1, s.ndx))  # lambda_0, which does not exist, first
-        dxs, dus, multipliers = np.zeros((n + 1, s.ndx)), np.zeros((n, s.nu)), np.zeros((n, s.ng))
-        self._point = dxs, dus, costates[1:], multipliers
-        self._measures = np.zeros((n + 1, 6))
-        stage, last = cached(_compile, replace(s, nodes=1), progress=progress)  # the same for all horizons
-        self._calls = (
-            stage.bind(
-                n, values=qp.values, dx=dxs, dx_next=dxs[1:], du=dus, costate=costates, costate_next=costates[1:],
-                multipliers=multipliers, measures=self._measures,
-            ),
-            last.bind(
-                1, terminal_values=qp.terminal_values, dx=dxs[n], costate=costates[n], measures=self._measures[n:]
-            ),
-        )  # fmt: skip
-
-    def residual(
-        self, dxs: Array | float, dus: Array | float, costates: Array | float, multipliers: Array | float
-    ) -> KktResidual:
-        """Return the residual at a point; all NaN if that is not finite.
-
-        Args:
-            dxs: (N+1, ndx) states, or one number for all entries.
-            dus: (N, nu) controls.
-            costates: (N, ndx) lambda_1 .. lambda_N.
-            multipliers: (N, ng).
-        """
-        for mine, given in zip(self._point, (dxs, dus, costates, multipliers), strict=True):
-            mine[...] = given
-        for call in self._calls:
-            call()
-        self._measures[0, 0] = 0.0  # the first state is given
-        of_states, of_controls, *others, total = np.maximum.reduce(self._measures, axis=0).tolist()
-        return KktResidual(max(of_states, of_controls), *others) if math.isfinite(total) else KktResidual.unknown()
-
-
-def _compile(s: OcpQpStructure, progress: Callable[[str], None] | None) -> tuple[BatchKernel, BatchKernel]:
-    return BatchKernel(_of_stage(s), progress), BatchKernel(_of_last(s), progress)
-
-
-def _of_stage(s: OcpQpStructure) -> ca.Function:
-    """Return the measures of an interval: gradients in its state and control, gap, violation, complementarity, a sum.
-
-    Comparisons and maxima ignore NaN; the sum of the point's entries is finite only if they are.
-    """
-    v, dx, dx_next, du = (ca.SX.sym("v", n) for n in (s.size, s.ndx, s.ndx, s.nu))
-    co, co_next, mu = (ca.SX.sym("co", n) for n in (s.ndx, s.ndx, s.ng))
-    m = s.matrices(v)
-    gradient_x = m["Q"] @ dx + m["S"].T @ du + m["q"] + m["A"].T @ co_next + m["C"].T @ mu - co
-    gradient_u = m["S"] @ dx + m["R"] @ du + m["r"] + m["B"].T @ co_next + m["D"].T @ mu
-    gap = m["A"] @ dx + m["B"] @ du + m["b"] - dx_next
-    row = m["C"] @ dx + m["D"] @ du
-    above, below = m["upper"] - row, row - m["lower"]
-    outside = _larger(_larger(-above, -below), ca.SX.zeros(s.ng))
-    loose = _larger(_smaller(_larger(mu, ca.SX.zeros(s.ng)), above), _smaller(_larger(-mu, ca.SX.zeros(s.ng)), below))
-    largest = [_largest(column) for column in (gradient_x, gradient_u, gap, outside, loose)]
-    total = sum((ca.sum1(part) for part in (dx, du, co_next, mu)), ca.SX(0))
-    names = ["values", "dx", "dx_next", "du", "costate", "costate_next", "multipliers"]
-    return ca.Function(
-        f"kkt_{s.ndx}_{s.nu}_{s.ng}",
-        [v, dx, dx_next, du, co, co_next, mu],
-        [ca.vertcat(*largest, ca.fabs(total))],
-        names,
-        ["measures"],
+    of_states = qp.vector("q") + _pulled(costates, qp.dense("A")) + _pulled(multipliers, qp.dense("C"))
+    of_controls = qp.vector("r") + _pulled(costates, qp.dense("B")) + _pulled(multipliers, qp.dense("D"))
+    of_last = qp.dense_terminal("q")[:, 0] - costates[-1]
+    gaps, rows = qp.vector("b"), np.zeros_like(multipliers)
+    if step is not None:
+        dxs, dus = step[0][:-1], step[1]
+        cross = qp.dense("S")
+        of_states = of_states + _applied(qp.dense("Q"), dxs) + _pulled(dus, cross)
+        of_controls = of_controls + _applied(cross, dxs) + _applied(qp.dense("R"), dus)
+        of_last = of_last + qp.dense_terminal("Q") @ step[0][-1]
+        gaps = gaps + _applied(qp.dense("A"), dxs) + _applied(qp.dense("B"), dus) - step[0][1:]
+        rows = _applied(qp.dense("C"), dxs) + _applied(qp.dense("D"), dus)
+    point = (costates, multipliers, *(step or ()))
+    if not all(math.isfinite(part.sum()) for part in point):
+        return KktResidual.unknown()
+    lower, upper = qp.vector("lower"), qp.vector("upper")
+    return KktResidual(
+        max(_largest(of_states[1:] - costates[:-1]), _largest(of_controls), _largest(of_last)),
+        _largest(gaps),
+        max(float((lower - rows).max(initial=0.0)), float((rows - upper).max(initial=0.0))),
+        _largest(complementarity(multipliers, rows, lower, upper)),
     )
 
 
-def _of_last(s: OcpQpStructure) -> ca.Function:
-    """Return the same measures of the last node, which has a state only."""
-    v, dx, co = (ca.SX.sym("v", n) for n in (s.terminal_size, s.ndx, s.ndx))
-    m = s.matrices(v, last=True)
-    gradient = m["Q"] @ dx + m["q"] - co
-    return ca.Function(
-        f"kkt_last_{s.ndx}",
-        [v, dx, co],
-        [ca.vertcat(_largest(gradient), ca.SX.zeros(4), ca.fabs(ca.sum1(dx)))],
-        ["terminal_values", "dx", "costate"],
-        ["measures"],
-    )
+def _pulled(vectors: Array, matrices: Array) -> Array:
+    """Return (N, n) each stage's ``M^T v``."""
+    out: Array = (vectors[:, None] @ matrices)[:, 0]
+    return out
 
 
-def _larger(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the elementwise maximum (by comparison: the C library's fmax is a call for each element)."""
-    return ca.if_else(a > b, a, b)
+def _applied(matrices: Array, vectors: Array) -> Array:
+    """Return (N, m) each stage's ``M v``."""
+    out: Array = (matrices @ vectors[..., None])[..., 0]
+    return out
 
 
-def _smaller(a: ca.SX, b: ca.SX) -> ca.SX:
-    return ca.if_else(a < b, a, b)
-
-
-def _largest(column: ca.SX) -> ca.SX:
-    """Return the largest absolute value; 0 for an empty column."""
-    largest = ca.SX(0)
-    for entry in ca.vertsplit(column) if column.numel() else ():
-        largest = _larger(ca.fabs(entry), largest)
-    return largest
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max(initial=0.0))

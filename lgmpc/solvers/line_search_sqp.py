@@ -31,8 +31,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
-from lgmpc.ocp.kkt import complementarity
+from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory, kkt_residual
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.curvature import is_minimum
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
@@ -341,15 +340,4 @@ class LineSearchSqp(IterativeSolver):
 
     def _residual(self) -> KktResidual:
         """Return the residual of the nonlinear problem's conditions at the point of expansion."""
-        qp, costates, multipliers = self.qp, self._costates, self._multipliers
-        dense = {name: qp.dense(name) for name in "ABCD"}
-
-        def gradient(vector: str, dynamics: str, rows: str) -> Array:
-            out: Array = costates[:, None] @ dense[dynamics] + multipliers[:, None] @ dense[rows]
-            return out[:, 0] + qp.vector(vector)
-
-        states, controls = gradient("q", "A", "C")[1:] - costates[:-1], gradient("r", "B", "D")
-        last = qp.terminal_values[qp.structure.terminal_blocks["q"].where] - costates[-1]
-        stationarity = max(float(np.abs(part).max(initial=0.0)) for part in (states, controls, last))
-        loose = float(complementarity(multipliers, 0.0, qp.vector("lower"), qp.vector("upper")).max(initial=0.0))
-        return KktResidual(stationarity, self._gap, float(self._outside.max(initial=0.0)), loose)
+        return kkt_residual(self.qp, self._costates, self._multipliers)

@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import BatchKernel, StageKernel, cached
-from lgmpc.ocp import KktConditions, KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
+from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.ocp.horizon import advance, difference
 from lgmpc.solvers.qp import QpSolver, make_qp_solver
 from lgmpc.solvers.solution import Solution, Timings
@@ -66,7 +66,6 @@ class RealTimeSqp:
         self.us: Array = f.us
         self.qp = f.qp
         self.qp_solver = make_qp_solver(qp_solver, self.qp, progress)
-        self._kkt = KktConditions(self.qp, progress)
         move, subtract = cached(_compile, state, progress=progress)
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
         self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
@@ -134,7 +133,7 @@ class RealTimeSqp:
 
     def residual(self) -> KktResidual:
         """Return the residual of the last subproblem's optimality conditions at its solution."""
-        return self._kkt.residual(*self.qp_solver.solution.arrays)
+        return self.qp_solver.solution.residual()
 
     def _step(self, x0: Array) -> Status:
         f, step = self._functions, self.qp_solver.solution

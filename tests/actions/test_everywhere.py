@@ -14,7 +14,6 @@ from lgmpc.actions import (
     Action,
     Contact,
     ContactForwardDynamics,
-    ContactInverseDynamics,
     FreeForwardDynamics,
     HoldAction,
     ImpulseAction,
@@ -74,9 +73,6 @@ def action(name: str) -> Action:
     if name == "forward":
         dynamics = ContactForwardDynamics(model, contacts)
         return MultibodyAction(name, dynamics, costs(dynamics.state), cone)
-    if name == "inverse":
-        backward = ContactInverseDynamics(model, contacts)
-        return MultibodyAction(name, backward, costs(backward.state), cone)
     if name == "impact":
         state = ContactForwardDynamics(model, contacts).state
         return ImpulseAction(name, model, contacts, costs(state), cone)
@@ -89,7 +85,7 @@ def action(name: str) -> Action:
 
 
 @pytest.mark.parametrize("turn", TURNS)
-@pytest.mark.parametrize("name", ["forward", "inverse", "impact", "free", "hold"])
+@pytest.mark.parametrize("name", ["forward", "impact", "free", "hold"])
 def test_derivatives(name: str, turn: str) -> None:
     subject = action(name)
     rng = np.random.default_rng(len(turn))

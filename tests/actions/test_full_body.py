@@ -6,12 +6,10 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from samples import JointEffort
 
 from lgmpc.actions import (
     Contact,
     ContactForwardDynamics,
-    ContactInverseDynamics,
     ExternalWrench,
     FreeForwardDynamics,
     ImpulseAction,
@@ -315,27 +313,6 @@ def test_running_costs_are_multiplied_by_the_duration_and_terminal_ones_are_not(
     error = action.state.diff(action.state.neutral(), x)
     assert action.evaluate(x, u, p).cost == pytest.approx(0.02 * (error @ error + u @ u) / 2)
     assert float(action.terminal_value_function(x, p)) == pytest.approx(error @ error / 2)
-
-
-def test_inverse_form_has_the_forward_form_as_its_feasible_set() -> None:
-    there = MultibodyAction("there", forward())
-    effort = ConstraintItem("effort", JointEffort(12), -1.8, 1.8)
-    back = MultibodyAction("back", ContactInverseDynamics(solo().model, FEET), (), [effort])
-    rng = np.random.default_rng(5)
-    x, u = point(rng)
-    p = random_parameters(there.parameters, rng, contact_flags=[1, 0, 1, 1])
-    q = random_parameters(back.parameters, rng)
-    for name in there.parameters:
-        q[back.parameters[name]] = p[there.parameters[name]]
-    function, layout = motion_function(forward(), FEET)
-    control = np.concatenate([v.full().ravel() for v in function(x[:19], x[19:], u, p[1 : layout.size + 1])])
-    value = back.evaluate(x, control, q)
-    np.testing.assert_allclose(value.x_next, there.evaluate(x, u, p).x_next, rtol=0, atol=1e-12)
-    scale = max(1.0, np.abs(control).max())
-    np.testing.assert_allclose(value.constraint[:18], 0.0, atol=1e-11 * scale)
-    np.testing.assert_allclose(value.constraint[18:], u, rtol=0, atol=1e-11 * scale)
-    report = check_derivatives(back, rng, parameters=q, points=1)
-    assert report.passed, str(report)
 
 
 def test_impact_agrees_with_pinocchio_and_loses_energy() -> None:

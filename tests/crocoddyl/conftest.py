@@ -7,17 +7,16 @@ import pinocchio as pin
 import pytest
 from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait, weighted
 from paired_robots import Pair, arm, horizon, paired, quadrotor, talos
-from samples import JointEffort, Unicycle
+from samples import Unicycle
 
 from lgmpc.actions import (
     Contact,
     ContactForwardDynamics,
-    FreeInverseDynamics,
     ImpulseAction,
     MultibodyAction,
 )
 from lgmpc.costs import CostItem
-from lgmpc.costs.library import Control, FrameTranslation, StateError
+from lgmpc.costs.library import Control, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
 
 
@@ -78,42 +77,6 @@ def hop() -> Pair:
     return Pair(ours, theirs, Trajectory(np.tile(x_ref, (nodes + 1, 1)), us))
 
 
-def inverse_arm(nodes: int = 20, dt: float = 0.02) -> Pair:
-    """The accelerations of an arm are the controls, its efforts are paid for."""
-    import crocoddyl
-
-    model = pin.buildSampleModelManipulator()
-    nv, hand = model.nv, model.frames[-1].name
-    goal, w_state = np.array([0.4, 0.2, 0.7]), np.repeat([1e-2, 1e-1], nv)
-    x0 = np.concatenate([pin.integrate(model, pin.neutral(model), 0.3 * np.ones(nv)), np.zeros(nv)])
-    dynamics = FreeInverseDynamics(model)
-    costs = [
-        CostItem("hand", FrameTranslation(hand, goal), 10.0),
-        CostItem("posture", StateError(dynamics.state, x0), w_state),
-        CostItem("effort", JointEffort(nv), 1e-3),
-    ]
-    ours = ShootingProblem(MultibodyAction("inverse_arm", dynamics, costs), nodes)
-    ours.set("duration", dt)
-    ours.set_initial_state(x0)
-
-    state = crocoddyl.StateMultibody(model)
-    actuation = crocoddyl.ActuationModelFull(state)
-    ends = crocoddyl.CostModelSum(state, nv)
-    weighted(
-        ends, "hand", crocoddyl.ResidualModelFrameTranslation(state, model.getFrameId(hand), goal, nv), np.full(3, 10.0)
-    )
-    weighted(ends, "posture", crocoddyl.ResidualModelState(state, x0, nv), w_state)
-    runs = crocoddyl.CostModelSum(state, nv)
-    for item in ends.costs.todict().values():
-        runs.addCost(item.name, item.cost, item.weight)
-    effort = crocoddyl.ResidualModelJointEffort(state, actuation, np.zeros(nv), nv)
-    weighted(runs, "effort", effort, np.full(nv, 1e-3))
-    running, last = (crocoddyl.DifferentialActionModelFreeInvDynamics(state, actuation, each) for each in (runs, ends))
-    models = [crocoddyl.IntegratedActionModelEuler(running, dt)] * nodes
-    theirs = crocoddyl.ShootingProblem(x0, models, crocoddyl.IntegratedActionModelEuler(last, 0.0))
-    return Pair(ours, theirs, Trajectory(np.tile(x0, (nodes + 1, 1)), np.zeros((nodes, nv))))
-
-
 def planar_biped() -> pin.Model:
     """A trunk that moves in the plane of x and z, with two legs of two joints."""
     model, joint = pin.Model(), 0
@@ -166,7 +129,6 @@ def planar_stance(nodes: int = 15, dt: float = 0.02) -> Pair:
 
 TAME = {
     "solo12 hop": hop,
-    "inverse arm": inverse_arm,
     "planar stance": planar_stance,
     "unicycle": unicycle,
     "arm": arm,

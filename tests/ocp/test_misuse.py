@@ -133,9 +133,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         dict(frame=FRAMES[0], size=2, axes=((1.0, 0, 0),), frame_axes=((0, 1.0, 0),)),
     ),
     "ContactForwardDynamics": (ContactForwardDynamics, dict(model=HUMANOID, contacts=FRAMES, loads=(), actuation=None)),
-    "ContactInverseDynamics": (ContactInverseDynamics, dict(model=HUMANOID, contacts=FRAMES)),
     "FreeForwardDynamics": (FreeForwardDynamics, dict(model=HUMANOID, actuation=None)),
-    "FreeInverseDynamics": (FreeInverseDynamics, dict(model=MODEL, actuation=None)),
     "ExternalWrench": (ExternalWrench, dict(model=HUMANOID)),
     "thrusters": (
         thrusters,

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lgmpc.ocp import KktConditions, KktResidual, OcpQp
+from lgmpc.ocp import KktResidual, OcpQp, kkt_residual
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
@@ -62,7 +62,7 @@ class QpSolution:
 
     def residual(self) -> KktResidual:
         """Compute the residual of the optimality conditions."""
-        return KktConditions(self.qp).residual(*self.arrays)
+        return kkt_residual(self.qp, self.costates, self.multipliers, (self.dxs, self.dus))
 
 
 class QpSolver(Protocol):
@@ -128,7 +128,7 @@ class RiccatiSolver(ABC):
         targets: (N, ng) of the rows.
         dxs: (N+1, ndx) the minimiser's states.
         dus: (N, nu) its controls.
-        costates: (N, ndx) multipliers of the dynamics, signed as in :class:`~lgmpc.ocp.KktConditions`.
+        costates: (N, ndx) multipliers of the dynamics, signed as in :func:`~lgmpc.ocp.kkt_residual`.
         rows: (N, ng) their values.
         multipliers: (N, ng) with which the minimiser is stationary, the penalties' slopes; written by the caller.
     """

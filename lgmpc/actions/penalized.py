@@ -76,7 +76,6 @@ class _PenalizedPython(PythonAction):
         self.base = base
         self.name, self.state, self.nu = f"{base.name}_penalized", base.state, base.nu
         self.parameters = _with_penalty(base)
-        self.watch = base.watch
 
     def step(self, x: Array, u: Array, p: Array) -> Array:
         return self.base.step(x, u, self._own(p))
@@ -89,7 +88,7 @@ class _PenalizedPython(PythonAction):
         return self.base.terminal_residual(x, self._own(p))
 
     def derivatives(self, x: Array, u: Array, p: Array) -> StageDerivatives:
-        d, (distance, root) = self.base.checked_derivatives(x, u, self._own(p)), self._outside(x, u, p)
+        d, (distance, root) = self.base.slopes(x, u, self._own(p)), self._outside(x, u, p)
         active = root * (distance != 0.0)[:, None]
         return StageDerivatives(
             d.step_x, d.step_u, np.vstack([d.residual_x, active * d.limits_x]),
@@ -104,7 +103,7 @@ class _PenalizedPython(PythonAction):
 
     def _outside(self, x: Array, u: Array, p: Array) -> tuple[Array, float]:
         """Return the signed distance (ng,) of the shifted rows from their bounds, and the root of the penalty."""
-        values, (g, lower, upper) = self.parameters.split(p), self.base.checked_limits(x, u, self._own(p))
+        values, (_, _, g, lower, upper) = self.parameters.split(p), self.base.values(x, u, self._own(p))
         rho = float(values["constraint_penalty"][0])
         shifted = g + values["constraint_multipliers"] / rho
         return shifted - np.clip(shifted, lower, upper), math.sqrt(rho)

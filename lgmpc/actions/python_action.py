@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +21,8 @@ from lgmpc.errors import InputError
 from lgmpc.typing import Array, IntArray
 
 __all__ = ["Limits", "PythonAction", "StageDerivatives"]
+
+_Shapes = dict[str, tuple[int, int]]
 
 _STEP = 6e-6
 """Step of central differences: about the cube root of the rounding unit."""
@@ -62,53 +64,20 @@ class StageDerivatives:
     limits_u: Array
 
 
-class Watch:
-    """Exceptions of an action's calls from CasADi, through which none propagates.
-
-    Attributes:
-        calls: number of calls since :meth:`begin`.
-        error: the first exception since then.
-        failed: number of calls before it.
-    """
-
-    def __init__(self) -> None:
-        self.begin()
-
-    def begin(self) -> None:
-        """Reset counts and exception."""
-        self.calls, self.failed = 0, 0
-        self.error: Exception | None = None
-
-    def note(self, error: Exception) -> None:
-        """Store an exception of the current call, if it is the first."""
-        if self.error is None:
-            self.error, self.failed = error, self.calls
-
-    def raise_at(self, action: str, first: int) -> None:
-        """Raise the stored exception, with its node; ``first`` is the node of the first call."""
-        if self.error is None:
-            return
-        error, node = self.error, first + self.failed
-        self.begin()
-        if isinstance(error, InputError):
-            raise InputError(f"{error.argument}, node {node}", error.got, error.expected) from error
-        expected = "results for all states and controls near the guess, NaN where there are none"
-        raise InputError(f"action '{action}', node {node}", f"{type(error).__name__}: {error}", expected) from error
-
-
 class _Callback(ca.Callback):
-    """A function of columns that calls Python; its results are NaN where Python raises, as ``watch`` reports.
+    """A function of columns that calls an action's Python, and tells the action what it raised.
 
-    They are NaN without a call where a state or control is not finite, and where Python's numbers overflow.
+    Its results are NaN there, where numbers overflow, and, without a call, where a state or control is not finite.
     """
 
     def __init__(
-        self, name: str, inputs: dict[str, int], outputs: dict[str, tuple[int, int]], function: Any, watch: Watch
+        self, action: PythonAction, part: str, inputs: tuple[str, ...], outputs: _Shapes, function: Callable[..., Any]
     ) -> None:
         super().__init__()
-        self._inputs, self._outputs, self._function = list(inputs.items()), list(outputs.items()), function
-        self._watch = watch
-        self.construct(name, {"enable_fd": True, "fd_method": "central"})
+        sizes = {"x": action.state.nx, "u": action.nu, "x_next": action.state.nx, "p": action.parameters.size}
+        self._inputs, self._outputs = [(name, sizes[name]) for name in inputs], list(outputs.items())
+        self._action, self._function = action, function
+        self.construct(f"{action.name}_{part}", {"enable_fd": True, "fd_method": "central"})
 
     def get_n_in(self) -> int:
         return len(self._inputs)
@@ -130,22 +99,20 @@ class _Callback(ca.Callback):
 
     def eval(self, arguments: Sequence[ca.DM]) -> list[ca.DM]:
         columns = [argument.full()[:, 0] for argument in arguments]
-        found = [np.full(shape, np.nan) for _, shape in self._outputs]
+        found: Any = [np.full(shape, np.nan) for _, shape in self._outputs]
+        error: Exception | None = None
         # A trial roll-out that diverges has no results (parameters, such as bounds, may be infinite).
-        if all(
-            np.isfinite(column).all() for (name, _), column in zip(self._inputs, columns, strict=True) if name != "p"
-        ):
+        given = zip(self._inputs, columns, strict=True)
+        if all(np.isfinite(column).all() for (name, _), column in given if name != "p"):
             try:
                 found = self._function(*columns)
             except OverflowError:
                 pass
-            except Exception as error:  # of any kind: it is the user's code
-                self._watch.note(error)
-        self._watch.calls += 1
-        return [
-            ca.DM(np.asarray(value, dtype=np.float64).reshape(shape))
-            for value, (_, shape) in zip(found, self._outputs, strict=True)
-        ]
+            except Exception as raised:  # of any kind: it is the user's code, and CasADi lets none through
+                error = raised
+        self._action.count(error)
+        pairs = zip(found, self._outputs, strict=True)
+        return [ca.DM(np.asarray(value, dtype=np.float64).reshape(shape)) for value, (_, shape) in pairs]
 
 
 class PythonAction(Action):
@@ -156,6 +123,8 @@ class PythonAction(Action):
     """
 
     smooth = False
+    _calls = 0
+    _raised: tuple[int, Exception] | None = None  # the call that raised first, and what
 
     @abstractmethod
     def step(self, x: Array, u: Array, p: Array) -> Array:
@@ -175,15 +144,11 @@ class PythonAction(Action):
 
     def derivatives(self, x: Array, u: Array, p: Array) -> StageDerivatives:
         """Return the derivatives of step, residual and limits; central differences unless overridden."""
-        state, reached = self.state, self._step(x, u, p)
+        state, reached = self.state, self.values(x, u, p)[0]
 
         def outcome(dx: Array, du: Array) -> tuple[Array, Array, Array]:
-            x_moved, u_moved = state.integrate(x, dx), u + du
-            return (
-                state.diff(reached, self._step(x_moved, u_moved, p)),
-                self._residual(x_moved, u_moved, p),
-                self.checked_limits(x_moved, u_moved, p)[0],
-            )
+            x_next, r, value, *_ = self.values(state.integrate(x, dx), u + du, p)
+            return state.diff(reached, x_next), r, value
 
         zero_x, zero_u = np.zeros(state.ndx), np.zeros(self.nu)
         by_x = _differences(lambda d: outcome(d, zero_u), state.ndx)
@@ -198,25 +163,15 @@ class PythonAction(Action):
 
     def evaluate(self, x: Array, u: Array, p: Array) -> StageValue:
         """Evaluate the action at one point."""
-        x, u, p = self._arguments(x, u, p)
-        r = self._residual(x, u, p)
-        return StageValue(self._step(x, u, p), 0.5 * float(r @ r), *self.checked_limits(x, u, p))
-
-    @cached_property
-    def watch(self) -> Watch:
-        """Exceptions of calls from solvers."""
-        return Watch()
+        x_next, r, *limits = self.values(*self._arguments(x, u, p))
+        return StageValue(x_next, 0.5 * float(r @ r), *limits)
 
     @cached_property
     def value_function(self) -> ca.Function:
         """As that of :class:`Action`, calling Python."""
-
-        def values(x: Array, u: Array, p: Array) -> list[Any]:
-            return list(vars(self.evaluate(x, u, p)).values())
-
         row = (self._sizes["limits"], 1)
         shapes = {"x_next": (self.state.nx, 1), "cost": (1, 1), "constraint": row, "lower": row, "upper": row}
-        return self._function("value", ("x", "u", "p"), shapes, values)
+        return _Callback(self, "value", ("x", "u", "p"), shapes, lambda x, u, p: vars(self.evaluate(x, u, p)).values())
 
     @cached_property
     def quadratic_function(self) -> ca.Function:
@@ -227,17 +182,24 @@ class PythonAction(Action):
             "q": (ndx, 1), "r": (nu, 1), "C": (ng, ndx), "D": (ng, nu), "lower": (ng, 1), "upper": (ng, 1),
             "cost": (1, 1),
         }  # fmt: skip
-        return self._function("quadratic", ("x", "u", "x_next", "p"), shapes, self._quadratic)
+
+        def quadratic(x: Array, u: Array, x_next: Array, p: Array) -> list[Any]:
+            reached, r, value, lower, upper = self.values(x, u, p)
+            d, onto = self.slopes(x, u, p), self.state.Jdiff(x_next, reached)[1]
+            by_x, by_u = d.residual_x, d.residual_u
+            return [
+                onto @ d.step_x, onto @ d.step_u, self.state.diff(x_next, reached),
+                by_x.T @ by_x, by_u.T @ by_x, by_u.T @ by_u, by_x.T @ r, by_u.T @ r,
+                d.limits_x, d.limits_u, lower - value, upper - value, 0.5 * float(r @ r),
+            ]  # fmt: skip
+
+        return _Callback(self, "quadratic", ("x", "u", "x_next", "p"), shapes, quadratic)
 
     @cached_property
     def terminal_value_function(self) -> ca.Function:
         """As that of :class:`Action`, calling Python."""
-
-        def value(x: Array, p: Array) -> list[Any]:
-            r = self._end(x, p)
-            return [0.5 * float(r @ r)]
-
-        return self._function("terminal_value", ("x", "p"), {"cost": (1, 1)}, value)
+        cost = {"cost": (1, 1)}
+        return _Callback(self, "terminal_value", ("x", "p"), cost, lambda x, p: [0.5 * np.sum(self._end(x, p) ** 2)])
 
     @cached_property
     def terminal_quadratic_function(self) -> ca.Function:
@@ -250,26 +212,11 @@ class PythonAction(Action):
             return [slope.T @ slope, slope.T @ r, 0.5 * float(r @ r)]
 
         shapes = {"Q": (ndx, ndx), "q": (ndx, 1), "cost": (1, 1)}
-        return self._function("terminal_quadratic", ("x", "p"), shapes, quadratic)
-
-    def structural_state(self) -> dict[str, Any]:
-        """Raise: kernels of Python are not stored (see :mod:`lgmpc.compile`).
-
-        Raises:
-            TypeError: always.
-        """
-        raise TypeError(f"action '{self.name}' is written in Python")
+        return _Callback(self, "terminal_quadratic", ("x", "p"), shapes, quadratic)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes without CasADi's callbacks, which cannot be copied."""
-        made = {
-            "watch",
-            "value_function",
-            "quadratic_function",
-            "terminal_value_function",
-            "terminal_quadratic_function",
-        }
-        return {name: value for name, value in vars(self).items() if name not in made}
+        return {name: value for name, value in vars(self).items() if not isinstance(value, ca.Function)}
 
     def bounded_controls(self) -> IntArray:
         """As that of :class:`Action`: derivatives at two points determine the rows."""
@@ -277,44 +224,36 @@ class PythonAction(Action):
         rows = np.zeros(self._sizes["limits"], dtype=np.int64)
         for scale in (0.0, 0.1):
             x = state.integrate(state.neutral(), scale * rng.standard_normal(state.ndx))
-            d = self.checked_derivatives(x, scale * rng.standard_normal(self.nu), p)
+            d = self.slopes(x, scale * rng.standard_normal(self.nu), p)
             found = np.abs(d.limits_u).argmax(axis=1) if len(d.limits_u) else rows
             beside = np.hstack([d.limits_x, d.limits_u - np.eye(self.nu)[found]])
             rows = np.where((np.abs(beside).max(axis=1, initial=0.0) > 1e-6) | (rows < 0), -1, found)
         return rows
 
+    def count(self, error: Exception | None) -> None:
+        """Count a call from CasADi, and keep the first exception."""
+        if error is not None and self._raised is None:
+            self._raised = self._calls, error
+        self._calls += 1
+
     def guarded(self, call: Callable[[], int], first: int) -> Callable[[], int]:
         """Return a call that raises an exception of Python with its node."""
 
         def evaluate() -> int:
-            self.watch.begin()
+            self._calls, self._raised = 0, None
             result = call()
-            self.watch.raise_at(self.name, first)
+            if self._raised is not None:
+                node, error = first + self._raised[0], self._raised[1]
+                if isinstance(error, InputError):
+                    raise InputError(f"{error.argument}, node {node}", error.got, error.expected) from error
+                expected = "results for all states and controls near the guess, NaN where there are none"
+                got = f"{type(error).__name__}: {error}"
+                raise InputError(f"action '{self.name}', node {node}", got, expected) from error
             return result
 
         return evaluate
 
-    def _function(
-        self, part: str, names: tuple[str, ...], shapes: dict[str, tuple[int, int]], function: Callable[..., list[Any]]
-    ) -> ca.Function:
-        sizes = {"x": self.state.nx, "u": self.nu, "x_next": self.state.nx, "p": self.parameters.size}
-        inputs = {name: sizes[name] for name in names}
-        return _Callback(f"{self.name}_{part}", inputs, shapes, function, self.watch)
-
-    def _quadratic(self, x: Array, u: Array, x_next: Array, p: Array) -> list[Any]:
-        state, reached = self.state, self._step(x, u, p)
-        r, (value, lower, upper), d = (
-            self._residual(x, u, p),
-            self.checked_limits(x, u, p),
-            self.checked_derivatives(x, u, p),
-        )
-        onto = state.Jdiff(x_next, reached)[1]
-        by_x, by_u = d.residual_x, d.residual_u
-        return [
-            onto @ d.step_x, onto @ d.step_u, state.diff(x_next, reached),
-            by_x.T @ by_x, by_u.T @ by_x, by_u.T @ by_u, by_x.T @ r, by_u.T @ r,
-            d.limits_x, d.limits_u, lower - value, upper - value, 0.5 * float(r @ r),
-        ]  # fmt: skip
+    # Results of the right shapes; an InputError names the others.
 
     @cached_property
     def _sizes(self) -> dict[str, int]:
@@ -335,47 +274,39 @@ class PythonAction(Action):
                 raise InputError(f"{name} of '{self.name}'", f"shape {np.shape(column)}", "an array with one index")
         return {name: len(column) for name, column in columns.items()}
 
-    def _step(self, x: Array, u: Array, p: Array) -> Array:
-        return self._array("step", self.step(x, u, p), (self.state.nx,))
-
-    def _residual(self, x: Array, u: Array, p: Array) -> Array:
-        return self._array("residual", self.residual(x, u, p), (self._sizes["residual"],))
-
-    def _end(self, x: Array, p: Array) -> Array:
-        return self._array("terminal_residual", self.terminal_residual(x, p), (self._sizes["terminal_residual"],))
-
-    def checked_limits(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Return value, lower and upper bounds (ng,) of the limits.
-
-        Raises:
-            InputError: one has the wrong shape.
-        """
-        found, shape = self.limits(x, u, p), (self._sizes["limits"],)
-        value = self._array("value of the limits", found.value, shape)
-        bounds = [np.asarray(bound, dtype=np.float64) for bound in (found.lower, found.upper)]
-        for name, bound in zip(("lower", "upper"), bounds, strict=True):
-            if bound.shape not in ((), shape):
-                expected = f"a number or shape {shape}"
+    def values(self, x: Array, u: Array, p: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return next state, residual, and value, lower and upper bounds of the limits."""
+        limits, sizes = self.limits(x, u, p), self._sizes
+        rows = (sizes["limits"],)
+        bounds = []
+        for name, given in (("lower", limits.lower), ("upper", limits.upper)):
+            bound = np.asarray(given, dtype=np.float64)
+            if bound.shape not in ((), rows):
+                expected = f"a number or shape {rows}"
                 raise InputError(f"{name} of the limits of '{self.name}'", f"shape {bound.shape}", expected)
-        lower, upper = (np.broadcast_to(bound, shape) for bound in bounds)
-        return value, lower, upper
+            bounds.append(np.broadcast_to(bound, rows))
+        return (
+            self._array("step", self.step(x, u, p), (self.state.nx,)),
+            self._array("residual", self.residual(x, u, p), (sizes["residual"],)),
+            self._array("value of the limits", limits.value, rows),
+            bounds[0],
+            bounds[1],
+        )
 
-    def checked_derivatives(self, x: Array, u: Array, p: Array) -> StageDerivatives:
-        """Return the derivatives.
-
-        Raises:
-            InputError: one has the wrong shape.
-        """
+    def slopes(self, x: Array, u: Array, p: Array) -> StageDerivatives:
+        """Return the derivatives."""
         found = self.derivatives(x, u, p)
         if not isinstance(found, StageDerivatives):
             raise InputError(f"derivatives of '{self.name}'", type(found).__name__, "StageDerivatives")
-        rows = {"step": self.state.ndx, "residual": self._sizes["residual"], "limits": self._sizes["limits"]}
-        columns = {"x": self.state.ndx, "u": self.nu}
+        rows, columns = {**self._sizes, "step": self.state.ndx}, {"x": self.state.ndx, "u": self.nu}
         checked = []
-        for entry in fields(StageDerivatives):
-            of, by = entry.name.rsplit("_", 1)
-            checked.append(self._array(entry.name, getattr(found, entry.name), (rows[of], columns[by])))
+        for name, value in vars(found).items():
+            of, by = name.rsplit("_", 1)
+            checked.append(self._array(name, value, (rows[of], columns[by])))
         return StageDerivatives(*checked)
+
+    def _end(self, x: Array, p: Array) -> Array:
+        return self._array("terminal_residual", self.terminal_residual(x, p), (self._sizes["terminal_residual"],))
 
     def _array(self, name: str, value: Any, shape: tuple[int, ...]) -> Array:
         array = np.asarray(value, dtype=np.float64)

@@ -21,7 +21,7 @@ class Status(Enum):
     PRECISION_LIMIT = "rounding errors exceed the decrease: loosen the tolerance, or reduce the spread of the weights"
     STOPPED = "nothing to do: the callback requested the stop"
     STALLED = "no step lowers the cost: change the guess, shorten the intervals, or reduce the spread of the weights"
-    DIVERGED = "steps of any length diverge: change the guess, shorten the intervals, or start from more regularisation"
+    DIVERGED = "steps of any length diverge: change the guess, or shorten the intervals"
     SADDLE = "stationary, but no minimum, as costs of negative weight have it: give weights that are not negative"
     INFEASIBLE = "no point nearby satisfies the constraints: check bounds, targets and first state for contradictions"
     UNBOUNDED = "the cost falls without limit: give all controls, and states that it rewards, weights or bounds"

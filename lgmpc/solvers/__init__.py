@@ -1,8 +1,8 @@
 """Solvers of optimal control problems: FDDP, SQP on structured quadratic programmes, ipopt and fatrop."""
 
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.fddp import BoxFddp, Fddp
-from lgmpc.solvers.fddp_settings import FddpSettings
+from lgmpc.solvers.box import BoxFddp
+from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import (
     Callback,

@@ -28,8 +28,7 @@ from lgmpc.actions import Action, penalize
 from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.settings import Positive
-from lgmpc.solvers.fddp import Fddp
-from lgmpc.solvers.fddp_settings import FddpSettings
+from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution
 from lgmpc.status import Status

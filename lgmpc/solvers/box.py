@@ -1,4 +1,7 @@
-"""Bounds on controls: extraction from the actions' path constraints, and a backward sweep subject to them.
+"""Box FDDP: bounds on controls from the actions' path constraints, and a backward sweep subject to them.
+
+Mastalli, Merkt, Marti-Saumell, Ferrolho, Sola, Mansard, Vijayakumar, "A feasibility-driven approach to control-limited
+DDP", Autonomous Robots 46, 2022, with another sweep.
 
 Active sets and their sweeps are one call of C (``box.c``); numpy where nothing can be compiled.
 """
@@ -14,11 +17,13 @@ import numpy as np
 
 from lgmpc.compile import compile_source
 from lgmpc.errors import InputError
-from lgmpc.ocp import PathFunctions, ShootingFunctions, ShootingProblem
+from lgmpc.ocp import PathFunctions, ShootingFunctions, ShootingProblem, Trajectory
+from lgmpc.solvers.fddp import Fddp
 from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite, bilinear, products
+from lgmpc.status import Status
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["BoxSweep", "ControlBounds", "bounded_rows"]
+__all__ = ["BoxFddp", "BoxSweep", "ControlBounds", "bounded_rows"]
 
 _ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
 _EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
@@ -229,3 +234,43 @@ class BoxSweep:
         slopes: Array = f.gradient[:, ndx:] + products(f.hessian[:, ndx:], step)
         slopes += regularization * self.dus + products(f.jacobian[:, ndx:], costates[1:])
         return slopes
+
+
+class BoxFddp(Fddp):
+    """Feasibility-driven DDP whose controls stay within bounds: every constraint row bounds one control.
+
+    The bounds are those of the actions' path constraints and may depend on parameters. The sweep minimises over the
+    boxes of all nodes together (:class:`BoxSweep`), with and without gaps, and the roll-out clips
+    to them.
+
+    Raises:
+        InputError: a path constraint that is not a bound on a control.
+    """
+
+    name = "box FDDP"
+
+    def _check_constraints(self) -> None:
+        self._rows = bounded_rows(self.problem)
+
+    def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
+        self._bounds = ControlBounds(self.problem, self._rows, progress)
+        self._box = BoxSweep(self.functions, progress)
+        return self._box
+
+    def _begin(self, guess: Trajectory) -> Status | None:
+        f = self.functions
+        self._bounds.write(f.u_lower, f.u_upper)
+        self._box.held[...] = 0
+        if not (f.u_lower <= f.u_upper).all():
+            super()._begin(guess)
+            nan = np.isnan(f.u_lower).any() or np.isnan(f.u_upper).any()
+            return Status.NOT_FINITE if nan else Status.INFEASIBLE
+        return super()._begin(Trajectory(guess.xs, np.clip(guess.us, f.u_lower, f.u_upper)))
+
+    def _split(self, gradient: Array) -> tuple[Array, Array]:
+        f = self.functions
+        held = ((f.us <= f.u_lower) & (gradient > 0.0)) | ((f.us >= f.u_upper) & (gradient < 0.0))
+        return self._bounds.multipliers(np.where(held, -gradient, 0.0)), np.where(held, 0.0, gradient)
+
+    def _expected_from_gaps(self) -> float:
+        return 0.0  # the sweep's own roll-out has accounted for them

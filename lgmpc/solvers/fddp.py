@@ -1,18 +1,13 @@
-"""Feasibility-driven differential dynamic programming, without path constraints or with bounds on controls.
+"""Feasibility-driven differential dynamic programming, without path constraints.
 
 The guess may be infeasible. A step of length alpha keeps ``1 - alpha`` of each gap of the dynamics, as in multiple
 shooting, and the states are those of a roll-out under the sweep's feedback, as in differential dynamic programming.
 Mastalli et al., "Crocoddyl: an efficient and versatile framework for multi-contact optimal control", ICRA 2020.
 
-Acceptance and regularisation are those of Crocoddyl 3, with the same settings and iteration counts, but for two points.
-An increase of the cost, which closing gaps may require, is bounded by that of the model: the increase expected along a
-trial's own states grows with a trial that diverges. A solution must also be stationary (see
-:class:`~lgmpc.solvers.FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or
-two more.
-
-With bounds on the controls: Mastalli, Merkt, Marti-Saumell, Ferrolho, Sola, Mansard, Vijayakumar, "A feasibility-driven
-approach to control-limited DDP", Autonomous Robots 46, 2022, with another sweep: see
-:class:`~lgmpc.solvers.box.BoxSweep`.
+Acceptance and regularisation are those of Crocoddyl 3, with the same constants and iteration counts, but for two
+points. An increase of the cost, which closing gaps may require, is bounded by that of the model: the increase expected
+along a trial's own states grows with a trial that diverges. A solution must also be stationary (see
+:class:`FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or two more.
 """
 
 from __future__ import annotations
@@ -21,33 +16,39 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
-from lgmpc.solvers.box import BoxSweep, ControlBounds, bounded_rows
-from lgmpc.solvers.fddp_settings import FddpSettings
-from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, settings_of
+from lgmpc.settings import Positive
+from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["BoxFddp", "Fddp", "check_unconstrained"]
+__all__ = ["Fddp", "FddpSettings", "check_unconstrained"]
 
-# Crocoddyl's: share of an increase of the cost by closing gaps, slope of a flat cost, largest gap of a feasible guess.
-_ASCENT, _FLAT, _CLOSED = 2.0, 1e-12, 1e-12
-# Crocoddyl's: factor of the regularisation, which falls after steps longer than the first length, and grows up to the
-# second.
-_FACTOR, _LONG, _SHORT = 10.0, 0.5, 0.01
+# Crocoddyl's: step lengths in the order of their trials, least share of the expected decrease of an accepted step, the
+# same of an increase by closing gaps, slope of a flat cost, largest gap of a feasible guess.
+_STEP_LENGTHS = tuple(2.0**-i for i in range(10))
+_DESCENT, _ASCENT, _FLAT, _CLOSED = 0.1, 2.0, 1e-12, 1e-12
+# Crocoddyl's: range of the regularisation and its factor; it falls after steps longer than the first length, and grows
+# up to the second.
+_LOWEST, _HIGHEST, _FACTOR, _LONG, _SHORT = 1e-9, 1e9, 10.0, 0.5, 0.01
 _UNBOUNDED = 1e8  # times 1 + the guess's cost: a cost below minus that counts as unbounded
 _PATIENCE = 5  # most steps of rounding's size that do not halve the gradient
 
 
 @dataclass(frozen=True)
 class _Decrease:
-    """The decrease of the cost that a model expects of a step: ``alpha (slope + alpha / 2 curvature)``."""
+    """The decrease of the cost that a model expects of a step: ``alpha (slope + alpha / 2 curvature)``.
+
+    It is minus Mastalli's ``Delta J(alpha) = alpha Delta_1 + alpha^2 / 2 Delta_2``, of which the gaps are a part.
+    """
 
     slope: float
     curvature: float
@@ -62,24 +63,51 @@ class _Decrease:
 
 
 class _Regularization:
-    """A multiple of the identity in the sweeps, which grows where steps fail and falls where they are long."""
+    """A multiple of the identity in the sweeps, which grows where steps fail and falls where they are long.
 
-    def __init__(self, settings: FddpSettings) -> None:
-        self.lowest, self.highest = settings.regularization
-        self.value = self.lowest
+    Tassa, Erez, Todorov, "Synthesis and stabilization of complex behaviors through online trajectory optimization",
+    IROS 2012, sec. II-F; here of Quu and of V, as in Crocoddyl.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
 
     @property
     def exhausted(self) -> bool:
         """True if it cannot grow."""
-        return self.value >= self.highest
+        return self.value >= _HIGHEST
+
+    def reset(self) -> None:
+        """Set it to its least value."""
+        self.value = _LOWEST
 
     def increase(self) -> None:
         """Multiply it by the factor."""
-        self.value = min(self.value * _FACTOR, self.highest)
+        self.value = min(self.value * _FACTOR, _HIGHEST)
 
     def decrease(self) -> None:
         """Divide it by the factor."""
-        self.value = max(self.value / _FACTOR, self.lowest)
+        self.value = max(self.value / _FACTOR, _LOWEST)
+
+
+class FddpSettings(SolverSettings):
+    """Tolerances of FDDP and box FDDP.
+
+    A feasible trajectory is a solution when two measures are small. The expected reduction of the cost by a full step
+    is independent of the scaling of states and controls, but insensitive to directions in which the cost hardly varies.
+    The Lagrangian's gradient is relative to the multipliers, as in SNOPT (Gill, Murray, Saunders, SIAM Review 47,
+    2005), since it is a difference of them.
+    """
+
+    method: Literal["fddp", "box_fddp"] = Field(
+        default="fddp", description="fddp: no constraints; box_fddp: bounds on controls."
+    )
+    tolerance: Positive = Field(default=1e-9, description="Largest expected reduction of the cost of a solution.")
+    stationarity: Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=True)] = Field(
+        default=1e-6,
+        description="Largest entry of the Lagrangian's gradient of a solution, per 1 + the largest multiplier; "
+        ".inf: of any size, as in Crocoddyl.",
+    )
 
 
 class Fddp(IterativeSolver):
@@ -112,7 +140,7 @@ class Fddp(IterativeSolver):
         self._check_constraints()
         self.functions = ShootingFunctions(problem, progress)
         self.sweep = self._make_sweep(progress)
-        self._clock, self._regularization = [0.0, 0.0, 0.0], _Regularization(self.settings)
+        self._clock, self._regularization = [0.0, 0.0, 0.0], _Regularization()
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
         self._finite = False  # whether the expansion is
         self._last_xs, self._last_us = self.functions.xs.copy(), self.functions.us.copy()  # before the last step
@@ -120,11 +148,11 @@ class Fddp(IterativeSolver):
     def _check_constraints(self) -> None:
         check_unconstrained(self.problem)
 
-    def _make_sweep(self, progress: Callable[[str], None] | None) -> BackwardSweep | BoxSweep:
+    def _make_sweep(self, progress: Callable[[str], None] | None) -> Any:
         return BackwardSweep(self.functions, progress)
 
     def _begin(self, guess: Trajectory) -> Status | None:
-        f, start = self.functions, self.settings.initial_regularization
+        f = self.functions
         f.xs[...] = guess.xs
         f.xs[0] = self.problem.x0
         f.us[...] = guess.us
@@ -132,7 +160,7 @@ class Fddp(IterativeSolver):
         f.feedback[...] = 0.0
         f.feedforward[...] = 0.0
         self._clock = [0.0, 0.0, 0.0]
-        self._regularization.value = self._regularization.lowest if start is None else start
+        self._regularization.reset()
         self._accepted, self._step_length, self._was_closed = False, 1.0, False
         self._cost = self._criterion = np.nan
         self._expand()
@@ -186,7 +214,7 @@ class Fddp(IterativeSolver):
         expected, diverged = _Decrease(math.nan, math.nan), True
         # The model is convex along the step: it rises by at most a step length's share of what the full step does.
         ascent, self._accepted = max(-model.of_step(1.0), 0.0), False
-        for alpha in self.settings.step_lengths:
+        for alpha in _STEP_LENGTHS:
             self._step_length = alpha
             cost = self._try(alpha)
             if not math.isfinite(cost):
@@ -204,7 +232,7 @@ class Fddp(IterativeSolver):
         if decrease >= 0.0:
             rounding = _FLAT * (1.0 + abs(self._cost))
             flat = abs(expected.slope) < _FLAT and gained >= -rounding
-            return flat or gained > self.settings.acceptance * decrease
+            return flat or gained > _DESCENT * decrease
         # Gaps are closed at this cost: without them the sweep's step decreases its model.
         return gained > _ASCENT * max(decrease, -alpha * ascent)
 
@@ -229,20 +257,22 @@ class Fddp(IterativeSolver):
 
     def _begin_again(self) -> None:
         """Continue from the current trajectory, where the cost has changed."""
-        self._fresh, self._regularization.value, self._least = False, self._regularization.lowest, np.inf
+        self._fresh, self._least = False, np.inf
+        self._regularization.reset()
 
     def _test_convergence(self) -> Status | None:
         """Return the status if the trajectory, whose expected reduction is small, is stationary or cannot become so."""
         regularization, before = self._regularization, self._regularization.value
-        if before > regularization.lowest:  # a large one makes any step and its expected reduction small
-            regularization.value, self._swept = regularization.lowest, False
+        if before > _LOWEST:  # a large one makes any step and its expected reduction small
+            self._swept = False
+            regularization.reset()
             if not self._sweep():
                 return Status.STALLED
         self._criterion = abs(self._model().of_step(1.0))
         costates, multipliers, rest = self._stationarity()
         largest = max(float(np.abs(costates).max()), float(np.abs(multipliers).max(initial=0.0)))
         residual = float(np.abs(rest).max()) / (1.0 + largest)
-        convex, stationary = regularization.value <= regularization.lowest, residual <= self.settings.stationarity
+        convex, stationary = regularization.value <= _LOWEST, residual <= self.settings.stationarity
         if stationary and convex and self._criterion < self.settings.tolerance:
             return Status.CONVERGED
         if before > regularization.value and not self._accepted:  # no step without it: the sweep was a test
@@ -360,46 +390,6 @@ class Fddp(IterativeSolver):
         f = self.functions
         f.measure_move()
         return -bilinear(f.gaps, self.sweep.value_hessian, f.moved)
-
-
-class BoxFddp(Fddp):
-    """Feasibility-driven DDP whose controls stay within bounds: every constraint row bounds one control.
-
-    The bounds are those of the actions' path constraints and may depend on parameters. The sweep minimises over the
-    boxes of all nodes together (:class:`~lgmpc.solvers.box.BoxSweep`), with and without gaps, and the roll-out clips
-    to them.
-
-    Raises:
-        InputError: a path constraint that is not a bound on a control.
-    """
-
-    name = "box FDDP"
-
-    def _check_constraints(self) -> None:
-        self._rows = bounded_rows(self.problem)
-
-    def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
-        self._bounds = ControlBounds(self.problem, self._rows, progress)
-        self._box = BoxSweep(self.functions, progress)
-        return self._box
-
-    def _begin(self, guess: Trajectory) -> Status | None:
-        f = self.functions
-        self._bounds.write(f.u_lower, f.u_upper)
-        self._box.held[...] = 0
-        if not (f.u_lower <= f.u_upper).all():
-            super()._begin(guess)
-            nan = np.isnan(f.u_lower).any() or np.isnan(f.u_upper).any()
-            return Status.NOT_FINITE if nan else Status.INFEASIBLE
-        return super()._begin(Trajectory(guess.xs, np.clip(guess.us, f.u_lower, f.u_upper)))
-
-    def _split(self, gradient: Array) -> tuple[Array, Array]:
-        f = self.functions
-        held = ((f.us <= f.u_lower) & (gradient > 0.0)) | ((f.us >= f.u_upper) & (gradient < 0.0))
-        return self._bounds.multipliers(np.where(held, -gradient, 0.0)), np.where(held, 0.0, gradient)
-
-    def _expected_from_gaps(self) -> float:
-        return 0.0  # the sweep's own roll-out has accounted for them
 
 
 def check_unconstrained(problem: ShootingProblem) -> None:

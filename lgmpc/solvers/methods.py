@@ -13,9 +13,8 @@ from pydantic import Discriminator, Tag
 
 from lgmpc.ocp import ShootingProblem
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.box import bounded_rows
-from lgmpc.solvers.fddp import BoxFddp, Fddp, check_unconstrained
-from lgmpc.solvers.fddp_settings import FddpSettings
+from lgmpc.solvers.box import BoxFddp, bounded_rows
+from lgmpc.solvers.fddp import Fddp, FddpSettings, check_unconstrained
 from lgmpc.solvers.line_search_sqp import LineSearchSqp, LineSearchSqpSettings
 from lgmpc.solvers.loop import Solver, SolverSettings
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver

@@ -304,8 +304,6 @@ OTHER: dict[str, Any] = {
     "*/modes.fall.tilt_error_deg": 2.0,
     "*/modes.fall.height_error_share": 0.1,
     "*/modes.fall.unsupported_s": 0.05,
-    "*/solver.step_lengths": (1.0, 0.5),
-    "*/solver.regularization": (1e-8, 1e8),
 }
 """Other values of keys, as "config/key" in glob patterns, whose valid ones cannot be guessed."""
 

@@ -208,7 +208,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         dict(a=PrintProgress(lambda s: None)),
     ),
     "make_qp_solver": (make_qp_solver, dict(solver="piqp", qp=subproblem(), progress=None)),
-    "FddpSettings": (FddpSettings, dict(tolerance=1e-6, max_iterations=3, step_lengths=(1.0, 0.5), acceptance=0.2)),
+    "FddpSettings": (FddpSettings, dict(tolerance=1e-6, max_iterations=3, stationarity=1e-5)),
 }
 WRONG = {
     "None": None,

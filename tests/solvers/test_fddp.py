@@ -133,19 +133,22 @@ def test_full_steps_are_accepted_by_the_exact_change_of_a_linear_quadratic_cost(
         guess.xs[...] *= 10.0
     before = Fddp(problem).solve(guess, max_iterations=0).cost
     for share, accepted in ((0.999, not rising), (1.001, rising)):
-        settings = FddpSettings(step_lengths=(1.0,), acceptance=share)
-        monkeypatch.setattr("lgmpc.solvers.fddp._ASCENT", share)
+        for name, value in (("_STEP_LENGTHS", (1.0,)), ("_DESCENT", share), ("_ASCENT", share)):
+            monkeypatch.setattr(f"lgmpc.solvers.fddp.{name}", value)
         reports: list[Progress] = []
-        after = Fddp(problem, settings).solve(guess, max_iterations=1, callback=reports.append).cost
+        after = Fddp(problem).solve(guess, max_iterations=1, callback=reports.append).cost
         assert reports[0].accepted is accepted
         assert np.sign(after - before) == (0 if not accepted else 1 if rising else -1)
 
 
-def test_shortened_steps_close_their_share_of_the_gaps(linear: Callable[..., Action]) -> None:
+def test_shortened_steps_close_their_share_of_the_gaps(
+    linear: Callable[..., Action], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lgmpc.solvers.fddp._STEP_LENGTHS", (0.5,))
     problem = linear_problem(linear, mixed=False)
     rng = np.random.default_rng(4)
     guess = Trajectory(rng.standard_normal((10, 4)), rng.standard_normal((9, 2)))
-    solver = Fddp(problem, FddpSettings(step_lengths=(0.5,)))
+    solver = Fddp(problem)
     gaps = solver.solve(guess, max_iterations=0).gaps
     np.testing.assert_allclose(solver.solve(guess, max_iterations=3).gaps, gaps / 8, atol=1e-12)
     # A trajectory without gaps keeps none, whatever the steps' length, and so can converge.
@@ -463,24 +466,20 @@ def test_trials_that_all_diverge_are_called_so(linear: Callable[..., Action]) ->
     assert not solution.us.any() and "diverge" in solution.explain()
 
 
-def test_a_solve_can_start_from_more_regularisation(unicycle: ShootingProblem) -> None:
-    reports: list[Progress] = []
-    settings = FddpSettings(initial_regularization=10.0)
-    solution = Fddp(unicycle, settings).solve(callback=reports.append)
-    assert solution.status is Status.CONVERGED
-    assert reports[0].regularization in (1.0, 10.0, 100.0)
-    assert solution.cost == pytest.approx(Fddp(unicycle).solve().cost, rel=1e-9)
-    with pytest.raises(InputError, match="initial_regularization"):
-        FddpSettings(initial_regularization=1e-12)
-
-
 def test_regularisation_does_not_make_a_point_converged(
     unicycle: ShootingProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However large the regularisation makes the expected reduction small, the last sweep is without it."""
     monkeypatch.setattr("lgmpc.solvers.fddp._LONG", 1.0)  # it never decreases
-    settings = FddpSettings(initial_regularization=1e8, tolerance=1e-2, stationarity=np.inf)
-    solution = Fddp(unicycle, settings).solve(unicycle.rollout(np.zeros((20, 2))))
+    solver = Fddp(unicycle, FddpSettings(tolerance=1e-2, stationarity=np.inf))
+    begin = solver._begin
+
+    def begin_regularised(guess: Trajectory) -> Status | None:
+        status, solver._regularization.value = begin(guess), 1e8
+        return status
+
+    monkeypatch.setattr(solver, "_begin", begin_regularised)
+    solution = solver.solve(unicycle.rollout(np.zeros((20, 2))))
     assert solution.status is Status.CONVERGED
     assert solution.cost == pytest.approx(Fddp(unicycle).solve().cost, abs=1e-2)
 
@@ -520,9 +519,6 @@ def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("regularization", (0.0, 1.0)),
-        ("acceptance", -1.0),
-        ("step_lengths", ()),
         ("tolerance", 0.0),
         ("stationarity", float("nan")),
     ],

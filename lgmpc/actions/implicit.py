@@ -85,34 +85,24 @@ class Unknowns:
 
     def jacobians(self, expression: Any, *variables: Any) -> tuple[Any, ...]:
         """Return the derivatives of an expression with respect to each variable; all calls have the same variables."""
-        direct = [ca.jacobian(expression, variable) for variable in variables]
-        through, slopes = self._active(expression, variables)
-        if through.shape[1] == 0:
-            return tuple(direct)
-        return tuple(one + through @ slope for one, slope in zip(direct, slopes, strict=True))
+        if self._found and not self._slopes:
+            self._solve(variables)
+        total = [ca.jacobian(expression, variable) for variable in variables]
+        for unknown, slopes in zip(self._found, self._slopes, strict=True):
+            through = ca.jacobian(expression, unknown.symbol)
+            used = sorted(set(through.sparsity().get_triplet()[1]))
+            if used:
+                total = [one + through[:, used] @ slope[used, :] for one, slope in zip(total, slopes, strict=True)]
+        return tuple(total)
 
     def square(self, residual: Any, weight: Any, gradient: Any, *variables: Any) -> tuple[list[list[Any]], list[Any]]:
-        """Return ``J^T diag(weight) J`` in blocks, and ``J^T gradient``, for the residual's total Jacobian J.
-
-        For a residual with more rows than unknowns that it depends on, the product in the unknowns is formed first: it
-        is sparse.
-        """
-        direct = [ca.jacobian(residual, variable) for variable in variables]
-        through, slopes = self._active(residual, variables)
-        rows = set(through.sparsity().get_triplet()[0])
-        if len(rows) <= through.shape[1]:
-            total = [one + through @ slope for one, slope in zip(direct, slopes, strict=True)] if rows else direct
-            scaled = [ca.diag(weight) @ one for one in total]
-            blocks = [[one.T @ other for other in scaled] for one in total]
-            return _mirrored(blocks), [one.T @ gradient for one in total]
-        scaled = [ca.diag(weight) @ one for one in direct]
-        inner = through.T @ (ca.diag(weight) @ through)
-        mixed = [through.T @ one for one in scaled]
-        half = [inner @ slope + one for slope, one in zip(slopes, mixed, strict=True)]
-        n = range(len(variables))
-        blocks = [[direct[i].T @ scaled[j] + mixed[i].T @ slopes[j] + slopes[i].T @ half[j] for j in n] for i in n]
-        pulled = through.T @ gradient
-        return _mirrored(blocks), [direct[i].T @ gradient + slopes[i].T @ pulled for i in n]
+        """Return ``J^T diag(weight) J`` in blocks, and ``J^T gradient``, for the residual's total Jacobian J."""
+        total = self.jacobians(residual, *variables)
+        scaled = [ca.diag(weight) @ one for one in total]
+        blocks = [[one.T @ other for other in scaled] for one in total]
+        for i, row in enumerate(blocks):
+            row[i] = ca.triu2symm(ca.triu(row[i]))  # the lower triangle is not computed again
+        return blocks, [one.T @ gradient for one in total]
 
     def resolve(self, inputs: list[Any], outputs: list[Any]) -> list[Any]:
         """Return the outputs, functions of the inputs and the unknowns, with the unknowns' values substituted."""
@@ -121,20 +111,6 @@ class Unknowns:
             others = [u.value if u is unknown else u.symbol for u in self._found]
             outputs = function.call([*inputs, *others])
         return outputs
-
-    def _active(self, expression: Any, variables: tuple[Any, ...]) -> tuple[Any, list[Any]]:
-        """Return the derivative by the unknowns that the expression depends on, and these unknowns' derivatives."""
-        if self._found and not self._slopes:
-            self._solve(variables)
-        through: list[Any] = [ca.SX(expression.shape[0], 0)]
-        slopes: list[list[Any]] = [[ca.SX(0, variable.shape[0])] for variable in variables]
-        for unknown, mine in zip(self._found, self._slopes, strict=True):
-            derivative = ca.jacobian(expression, unknown.symbol)
-            columns = sorted(set(derivative.sparsity().get_triplet()[1]))
-            through.append(derivative[:, columns])
-            for known, slope in zip(slopes, mine, strict=True):
-                known.append(slope[columns, :])
-        return ca.horzcat(*through), [ca.vertcat(*known) for known in slopes]
 
     def _solve(self, variables: tuple[Any, ...]) -> None:
         sizes = [variable.shape[0] for variable in variables]
@@ -145,10 +121,3 @@ class Unknowns:
                 right += ca.jacobian(unknown.residual, earlier.symbol) @ ca.horzcat(*slopes)
             slope = -unknown.solve(right)
             self._slopes.append([slope[:, a:b] for a, b in zip(edges, edges[1:], strict=False)])
-
-
-def _mirrored(blocks: list[list[Any]]) -> list[list[Any]]:
-    """Copy the upper triangles of the diagonal blocks to the lower ones, so that they are computed once."""
-    for i, row in enumerate(blocks):
-        row[i] = ca.triu2symm(ca.triu(row[i]))
-    return blocks

@@ -101,8 +101,9 @@ def check_derivatives(
 ) -> DerivativeReport:
     """Compare derivatives with central differences in tangent coordinates.
 
-    An action is checked at random points; a problem at every node of a trajectory or of random points about its first
-    state. Differences across a kink, such as the edge of a barrier, are wrong although the derivative is correct.
+    A problem is checked at every node of a trajectory, or of random points about its first state; an action at random
+    points, its terminal cost at one. Differences across a kink, such as the edge of a barrier, are wrong although the
+    derivative is correct.
 
     Args:
         subject: the action or problem.
@@ -130,31 +131,26 @@ def check_derivatives(
     if not step > 0.0:
         raise InputError("step", step, "a positive number")
     random = np.random.default_rng(0) if rng is None else rng
-    checks: list[DerivativeCheck] = []
     if isinstance(subject, Action):
-        given_p = subject.parameters.default if parameters is None else parameters
-        p = numbers("parameters", given_p, (subject.parameters.size,))
-        for k in range(points):
-            x, u = _near(subject, subject.state.neutral(), random, spread)
-            checks += _stage(subject, k, x, u, p, step) + _end(subject, k, x, p, step)
-        return DerivativeReport(tuple(checks), tolerance)
-    given = None if trajectory is None else subject.check(trajectory)
-    for k in range(subject.nodes + 1):
-        action = subject.action_at(k)
-        p = subject.parameters[k, : action.parameters.size]
-        x, u = _near(action, subject.x0, random, spread)
-        if given is not None:
-            x = given.xs[k]
-        if k == subject.nodes:
-            checks += _end(action, k, x, p, step)
-            continue
-        checks += _stage(action, k, x, u if given is None else given.us[k, : action.nu], p, step)
+        given = subject.parameters.default if parameters is None else parameters
+        problem = ShootingProblem(subject, int(points))
+        problem.parameters[...] = numbers("parameters", given, (subject.parameters.size,))
+    else:
+        problem = subject
+    if trajectory is None:
+        moves = random.uniform(-spread, spread, (problem.nodes + 1, problem.state.ndx))
+        xs = [problem.state.integrate(problem.x0, dx) for dx in moves]
+        trajectory = Trajectory(np.array(xs), random.uniform(-spread, spread, (problem.nodes, problem.nu)))
+    at = problem.check(trajectory)
+    checks: list[DerivativeCheck] = []
+    for k in range(problem.nodes + 1):
+        action = problem.action_at(k)
+        p = problem.parameters[k, : action.parameters.size]
+        if k == problem.nodes:
+            checks += _end(action, k, at.xs[k], p, step)
+        else:
+            checks += _stage(action, k, at.xs[k], at.us[k, : action.nu], p, step)
     return DerivativeReport(tuple(checks), tolerance)
-
-
-def _near(action: Action, center: Array, rng: np.random.Generator, spread: float) -> tuple[Array, Array]:
-    dx, u = rng.uniform(-spread, spread, action.state.ndx), rng.uniform(-spread, spread, action.nu)
-    return action.state.integrate(center, dx), u
 
 
 def _stage(action: Action, node: int, x: Array, u: Array, p: Array, h: float) -> list[DerivativeCheck]:

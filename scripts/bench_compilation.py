@@ -29,6 +29,7 @@ from record import add_json_option, print_machine, write_record
 
 from lgmpc import load_config
 from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction
+from lgmpc.compile import reporting
 from lgmpc.config.build import prepare
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, FrameTranslation, StateError
@@ -59,11 +60,12 @@ class Step:
     elapsed_s: float
 
 
-def measure(call: Callable[[Callable[[str], None]], object]) -> Step:
-    """Call with a report of the progress, and measure."""
+def measure(call: Callable[[], object]) -> Step:
+    """Call, and measure."""
     messages: list[str] = []
     start, children, mine = time.perf_counter(), _children(), time.process_time()
-    call(messages.append)
+    with reporting(messages.append):
+        call()
     built = sum("once, later runs load it" in message for message in messages)
     return Step(built, _children() - children, time.process_time() - mine, time.perf_counter() - start)
 
@@ -89,15 +91,15 @@ def steps_of(robot: str) -> dict[str, Step]:
     name = first if isinstance(first, str) else first.frame
     problem = problem_of(robot, name)
 
-    def weight(progress: Callable[[str], None]) -> None:
+    def weight() -> None:
         problem.set("place_weight", np.full(3, 5.0))
-        Fddp(problem, progress=progress)
+        Fddp(problem)
 
     return {
-        "first problem, FDDP": measure(lambda progress: Fddp(problem_of(robot, None), progress=progress)),
-        "one cost more": measure(lambda progress: Fddp(problem_of(robot, name), progress=progress)),
-        "another cost instead": measure(lambda progress: Fddp(problem_of(robot, last), progress=progress)),
-        "SQP of the same problem": measure(lambda progress: LineSearchSqp(problem, progress=progress)),
+        "first problem, FDDP": measure(lambda: Fddp(problem_of(robot, None))),
+        "one cost more": measure(lambda: Fddp(problem_of(robot, name))),
+        "another cost instead": measure(lambda: Fddp(problem_of(robot, last))),
+        "SQP of the same problem": measure(lambda: LineSearchSqp(problem)),
         "another weight": measure(weight),
     }
 
@@ -106,12 +108,9 @@ def builds_of(config: str, cache: Path) -> dict[str, Step]:
     """Measure builds of a closed loop; all but the last write every expression."""
     loop = load_config(config)
 
-    def build(progress: Callable[[str], None]) -> None:
-        prepare(loop, notify=progress)
-
-    steps = {"empty cache": measure(build)}
-    shutil.rmtree(cache / "index", ignore_errors=True)
-    return steps | {"libraries, no index": measure(build), "again": measure(build)}
+    steps = {"empty cache": measure(lambda: prepare(loop))}
+    shutil.rmtree(cache / "kernels")
+    return steps | {"libraries, no index": measure(lambda: prepare(loop)), "again": measure(lambda: prepare(loop))}
 
 
 def main() -> None:

@@ -30,6 +30,7 @@ from paired_robots import Pair, arm, paired, quadrotor, talos
 from record import add_json_option, print_machine, write_record
 
 from lgmpc.actions import ContactForwardDynamics, MultibodyAction
+from lgmpc.compile import reporting
 from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import CoMPosition, Control, FrictionCone, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -97,7 +98,8 @@ def compare(name: str, pair: Pair, rounds: int, crocoddyl: Any) -> list[Figure]:
     """Time FDDP (box FDDP if controls are bounded) on one problem, and print a table."""
     problem, guess = pair.ours, pair.guess
     bounded = problem.actions[0].value_function.size1_out("constraint") > 0
-    ours = (BoxFddp if bounded else Fddp)(problem, progress=print)
+    with reporting(print):
+        ours = (BoxFddp if bounded else Fddp)(problem)
     solution = ours.solve(guess)
     iterations = {"lgmpc": solution.iterations}
     theirs = None
@@ -162,7 +164,8 @@ def time_constrained(nodes: int, rounds: int) -> list[Figure]:
     figures = []
     print(f"\nstance with hard friction cones and torque limits, N = {nodes}: SQP; median (least), ms")
     for solver, make in (("active_set", None), ("piqp", lambda qp: PiqpSolver(qp, 1e-11, 200))):
-        sqp = LineSearchSqp(problem, qp_solver=make, progress=print)
+        with reporting(print):
+            sqp = LineSearchSqp(problem, qp_solver=make)
         all_times = []
         for _ in range(rounds):
             clock = [time.thread_time()]

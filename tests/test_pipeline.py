@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.compile import BatchKernel, Pipeline, PipelineStep
+from lgmpc.compile import BatchKernel, Pipeline, PipelineStep, reporting
 from lgmpc.compile.simd import generate_simd
 from lgmpc.errors import CompileError
 
@@ -81,7 +81,8 @@ def test_a_change_of_one_function_compiles_no_other(tmp_path: Path, monkeypatch:
     monkeypatch.setenv("LGMPC_CACHE_DIR", str(tmp_path / "cache"))
     messages: list[str] = []
     BatchKernel(solve_and_shift(1.0))
-    BatchKernel(solve_and_shift(2.0), messages.append)
+    with reporting(messages.append):
+        BatchKernel(solve_and_shift(2.0))
     assert any("'back'" in message for message in messages) and not any("'lower'" in message for message in messages)
 
 

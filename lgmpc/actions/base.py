@@ -283,5 +283,5 @@ class Action(ABC):
         return x, u, p
 
 
-def _path_rows(action: Action, progress: None) -> int:
+def _path_rows(action: Action) -> int:
     return int(action.value_function.size1_out("constraint"))

@@ -43,7 +43,6 @@ from lgmpc.compile.cache import (
 )
 from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.content import Content, NoContentError, read_content, write_content
-from lgmpc.compile.native import Progress
 
 __all__ = ["cached"]
 
@@ -61,8 +60,8 @@ _JUST_NOW = 2_000_000_000
 """Files that changed less than this before the import, ns, may have changed after it: clocks of files are coarse."""
 
 
-def cached(make: Callable[..., T], *arguments: Any, progress: Progress | None = None) -> T:
-    """Return ``make(*arguments, progress=progress)``, from the cache if it was made before from equal arguments.
+def cached(make: Callable[..., T], *arguments: Any) -> T:
+    """Return ``make(*arguments)``, from the cache if it was made before from equal arguments.
 
     Args:
         make: a function of a module of lgmpc whose result depends on its arguments and the environment variables of
@@ -70,7 +69,6 @@ def cached(make: Callable[..., T], *arguments: Any, progress: Progress | None = 
             another object at every call.
         arguments: what the result depends on. ``make`` does not receive what a class excludes from its structural
             state.
-        progress: called with a description of what is being compiled.
 
     Raises:
         CompileError: the compiler failed.
@@ -80,13 +78,13 @@ def cached(make: Callable[..., T], *arguments: Any, progress: Progress | None = 
     content = None if compiler is None else _content(make, arguments)
     index = None if content is None else _index()
     if compiler is None or content is None or index is None:
-        return make(*arguments, progress=progress)
+        return make(*arguments)
     key = request_key(*_versions(), compiler.identity, hashlib.sha256(content.data).hexdigest())
     entry = index / key
     found: list[T] = _read(entry)
     if not found:
         _, given = content.restored()
-        found = [make(*given, progress=progress)]
+        found = [make(*given)]
         _write(entry, found[0])
     return found[0]
 

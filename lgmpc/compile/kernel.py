@@ -11,7 +11,7 @@ import numpy as np
 
 from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.index import cached
-from lgmpc.compile.native import Progress, bind_library, load_library
+from lgmpc.compile.native import bind_library, load_library
 from lgmpc.compile.pipeline import Pipeline, PipelineLayout, bind_pipeline, load_pipeline
 from lgmpc.compile.simd import is_scalar_code
 from lgmpc.errors import InputError
@@ -30,7 +30,6 @@ class StageKernel:
 
     Args:
         function: of one stage.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         name: of the function.
@@ -44,13 +43,13 @@ class StageKernel:
         InputError: the environment (cache folder, ``CC``) cannot be used.
     """
 
-    def __init__(self, function: casadi.Function, progress: Progress | None = None) -> None:
+    def __init__(self, function: casadi.Function) -> None:
         function = densify_function(function)
         self.name = function.name()
         self.input_sizes = {name: function.numel_in(i) for i, name in enumerate(function.name_in())}
         self.output_sizes = {name: function.numel_out(i) for i, name in enumerate(function.name_out())}
         compiler = compiler_for_functions() if is_scalar_code(function) else None
-        self._code = function if compiler is None else load_library(function, compiler, progress)
+        self._code = function if compiler is None else load_library(function, compiler)
         self.compiled = compiler is not None
 
     @classmethod
@@ -58,10 +57,9 @@ class StageKernel:
         cls: type[K],
         write: Callable[..., casadi.Function | Pipeline],
         *arguments: Any,
-        progress: Progress | None = None,
     ) -> K:
         """Return the kernel of ``write(*arguments)``, from the cache if it was written before; see :func:`cached`."""
-        kernel: K = cached(_write, cls, write, *arguments, progress=progress)
+        kernel: K = cached(_write, cls, write, *arguments)
         return kernel
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
@@ -119,21 +117,20 @@ class BatchKernel(StageKernel):
 
     Args:
         function: of one stage, or a pipeline of several.
-        progress: called with a description of what is being compiled.
     """
 
-    def __init__(self, function: casadi.Function | Pipeline, progress: Progress | None = None) -> None:
+    def __init__(self, function: casadi.Function | Pipeline) -> None:
         pipeline = function if isinstance(function, Pipeline) else _pipeline_of(densify_function(function))
         compiler = compiler_for_functions()
         self._libraries: list[ctypes.CDLL] = []
         if pipeline is None or compiler is None:
-            super().__init__(function.expression() if isinstance(function, Pipeline) else function, progress)
+            super().__init__(function.expression() if isinstance(function, Pipeline) else function)
             return
         self._layout = PipelineLayout.of(pipeline)
         self.name = pipeline.name
         self.input_sizes = {name: size for name, (size, _) in self._layout.inputs.items()}
         self.output_sizes = {name: len(entries) for name, entries in self._layout.outputs.items()}
-        self._libraries = load_pipeline(pipeline, compiler, progress)
+        self._libraries = load_pipeline(pipeline, compiler)
         self.compiled = True
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
@@ -155,8 +152,8 @@ class BatchKernel(StageKernel):
         return bind_pipeline(self._layout, self._libraries, stages, arrays, steps)
 
 
-def _write(kind: type[K], write: Callable[..., Any], *arguments: Any, progress: Progress | None) -> K:
-    return kind(write(*arguments), progress)
+def _write(kind: type[K], write: Callable[..., Any], *arguments: Any) -> K:
+    return kind(write(*arguments))
 
 
 def _pipeline_of(function: casadi.Function) -> Pipeline | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from pathlib import Path
 
 import casadi
@@ -19,40 +21,53 @@ from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
 __all__ = [
-    "Progress",
     "aligned_zeros",
     "bind_library",
     "compile_source",
     "load_library",
+    "reporting",
 ]
 
-Progress = Callable[[str], None]
-
 _log = logging.getLogger("lgmpc.compile")
+_listeners: ContextVar[tuple[Callable[[str], object], ...]] = ContextVar("lgmpc_compile_listeners", default=())
 _ALIGNMENT = 8  # doubles: the widest vectors hold so many
 
 
-def load_library(
-    function: casadi.Function, compiler: Compiler, progress: Progress | None, lanes: bool = False
-) -> ctypes.CDLL:
+@contextlib.contextmanager
+def reporting(listener: Callable[[str], object]) -> Iterator[None]:
+    """Call a function with a description of all that this thread compiles within the block; blocks may be nested.
+
+        with reporting(print):
+            solver = Fddp(problem)
+
+    The log ``lgmpc.compile`` has the descriptions too, at the level INFO.
+    """
+    token = _listeners.set((*_listeners.get(), listener))
+    try:
+        yield
+    finally:
+        _listeners.reset(token)
+
+
+def report(text: str) -> None:
+    """Describe what is being compiled."""
+    _log.info(text)
+    for listener in _listeners.get():
+        listener(text)
+
+
+def load_library(function: casadi.Function, compiler: Compiler, lanes: bool = False) -> ctypes.CDLL:
     """Load the function's library from the cache, built first if it is missing, damaged or cannot be loaded.
 
     Args:
         function: of one stage, dense, of scalar operations.
         compiler: of a missing library.
-        progress: called with a description of what is being compiled.
         lanes: whether it evaluates several stages at a time; else one after the other.
 
     Raises:
         CompileError: it is not a list of scalar operations, the compiler failed on it, or the result cannot be loaded.
         InputError: the cache folder cannot be used.
     """
-
-    def report(text: str) -> None:
-        _log.info(text)
-        if progress is not None:
-            progress(text)
-
     name = function.name()
     folder = cache_folder()
     code = (casadi.CasadiMeta.version(), *SIMD_IDENTITY, str(lanes), str(function.serialize()))
@@ -121,13 +136,12 @@ def bind_library(
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
 
 
-def compile_source(name: str, source: str, *, progress: Progress | None = None) -> Path | None:
+def compile_source(name: str, source: str) -> Path | None:
     """Compile a C source into a library, or find it in the cache.
 
     Args:
         name: a C identifier, part of the file's name.
         source: one C file; its entry points need default visibility.
-        progress: called with a description of what is being compiled, if anything is.
 
     Returns:
         The library; None without a compiler, or with ``LGMPC_JIT=0``.
@@ -143,7 +157,6 @@ def compile_source(name: str, source: str, *, progress: Progress | None = None) 
     key = request_key("source", casadi.CasadiMeta.version(), compiler.identity, source)
     entry = find_entry(folder, name, key)
     if entry is None:
-        if progress is not None:
-            progress(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
+        report(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
         entry = make_entry(folder, name, key, (source,), lambda c, so: compiler.build(c, so, name), lambda: None)
     return entry

@@ -17,7 +17,7 @@ import casadi
 import numpy as np
 
 from lgmpc.compile.compiler import Compiler
-from lgmpc.compile.native import Progress, aligned_zeros, compile_source, load_library
+from lgmpc.compile.native import aligned_zeros, compile_source, load_library
 from lgmpc.compile.simd import SQUARES
 from lgmpc.typing import Array
 
@@ -138,7 +138,7 @@ def _columns_of(output: str | Entries) -> set[str]:
     return {output} if isinstance(output, str) else {column for column, _ in output}
 
 
-def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | None) -> list[ctypes.CDLL]:
+def load_pipeline(pipeline: Pipeline, compiler: Compiler) -> list[ctypes.CDLL]:
     """Load the libraries of the driver and of each step, built first where they are not cached.
 
     Raises:
@@ -150,7 +150,7 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler, progress: Progress | N
     known: dict[int, ctypes.CDLL] = {}
     for step in pipeline.steps:
         if id(step.function) not in known:
-            known[id(step.function)] = load_library(step.function, compiler, progress, lanes=True)
+            known[id(step.function)] = load_library(step.function, compiler, lanes=True)
     return [driver, *(known[id(step.function)] for step in pipeline.steps)]
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lgmpc.compile import reporting
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.extensions import own_costs, own_tasks
 from lgmpc.config.maneuvers import build_maneuvers
@@ -79,7 +80,8 @@ def build_estimator(
     """
     if isinstance(config.estimator, GroundTruth):
         return None
-    estimator = LeggedEstimator(robot, 1.0 / config.wbc.rate_hz, config.estimator, start, progress=notify)
+    with reporting(notify):
+        estimator = LeggedEstimator(robot, 1.0 / config.wbc.rate_hz, config.estimator, start)
     if controller is not None:
         estimator.ground = controller.feet.ground
     return estimator
@@ -129,7 +131,8 @@ def build_controller(
 def _build_mpc(config: Config, robot: Robot, notify: Notify) -> Mpc:
     costs = own_costs(config, robot)
     try:
-        return make_mpc(robot, config.mpc, notify, costs)
+        with reporting(notify):
+            return make_mpc(robot, config.mpc, costs)
     except InputError as error:
         if not costs:
             raise

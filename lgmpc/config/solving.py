@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from lgmpc.actions import Action, ImpulseAction, MultibodyAction
 from lgmpc.actions.contacts import ContactSet
+from lgmpc.compile import reporting
 from lgmpc.config.robots import build_any_robot
 from lgmpc.config.schema import SolveConfig
 from lgmpc.config.session import IterationReport, Notify, SolveOutcome
@@ -133,7 +134,8 @@ def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None)
     """
     notify("building the problem")
     scenario, _ = check_scenario(config)
-    return SolveSession(scenario, make_solver(scenario.problem, config.solver, notify), config.gate)
+    with reporting(notify):
+        return SolveSession(scenario, make_solver(scenario.problem, config.solver), config.gate)
 
 
 def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Annotated, Literal, Protocol
@@ -236,7 +235,6 @@ class LeggedEstimator:
         settings: see :class:`LeggedEstimatorSettings`.
         start: (7,) initial base pose [position, quaternion x y z w], whose roll and pitch are not used; that of the
             reference posture unless given.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         settings: as given.
@@ -259,7 +257,6 @@ class LeggedEstimator:
         period: float,
         settings: LeggedEstimatorSettings | None = None,
         start: Array | None = None,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         settings = LeggedEstimatorSettings() if settings is None else settings
         instance("robot", robot, Robot)
@@ -267,7 +264,7 @@ class LeggedEstimator:
         start = checks.finite("start", robot.q_reference[:7] if start is None else start)
         if start.shape != (7,):
             raise InputError("start", start, "seven numbers: position, quaternion x y z w")
-        self.legs = LegSensing(robot, period, settings.encoder_noise_rad, settings.foot_noise_m, progress)
+        self.legs = LegSensing(robot, period, settings.encoder_noise_rad, settings.foot_noise_m)
         self.ekf = InvariantEkf(
             robot.nc,
             settings,
@@ -276,7 +273,6 @@ class LeggedEstimator:
             contact_offset=-lever(robot.contact_radius, np.array(UP)),
             form=FORMS[settings.form],
             outlier_probability=settings.outlier_probability,
-            progress=progress,
         )
         self.ground: GroundBelief = LevelGround()
         self._even, self._radius = True, robot.contact_radius

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -40,7 +38,6 @@ class LegSensing:
         period: time between two readings, s.
         encoder_noise: standard deviation of a joint angle, rad.
         foot_noise: standard deviation of the model's error of a foot position in each axis, m; above zero.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         positions: (nc, 3) base to contact frames, base axes, m; a live view, as all that follow.
@@ -61,7 +58,6 @@ class LegSensing:
         period: float,
         encoder_noise: float,
         foot_noise: float,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         instance("robot", robot, Robot)
         if not robot.floating_base or robot.nq - 7 != robot.nu or robot.nc == 0:
@@ -70,7 +66,7 @@ class LegSensing:
         number("encoder_noise", encoder_noise, "an angle that is not negative", 0.0)
         number("foot_noise", foot_noise, "a positive length", above=0.0)
         self._rate = 1.0 / duration_of("period", period)
-        kernel = StageKernel.of(_leg_function, robot, progress=progress)
+        kernel = StageKernel.of(_leg_function, robot)
         memory = {name: np.zeros(size) for name, size in kernel.input_sizes.items()}
         self._joints, self._speeds, self._torques = (memory[name] for name in ("joints", "speeds", "torques"))
         self._gyro, self._accelerometer = memory["gyro"], memory["accelerometer"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -74,7 +73,6 @@ class CentroidalMpc(SqpMpc):
         settings: horizon, weights, limits.
         feet: number of contact points of each foot; every point is a foot unless given.
         gravity: (3,) world axes, m/s^2.
-        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: mass not positive, no contact, or gravity not three finite numbers.
@@ -89,7 +87,6 @@ class CentroidalMpc(SqpMpc):
         *,
         feet: tuple[int, ...] | None = None,
         gravity: tuple[float, float, float] | Array = GRAVITY,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         s = CentroidalMpcSettings() if settings is None else settings
         mass = checked_mass(mass)
@@ -102,7 +99,7 @@ class CentroidalMpc(SqpMpc):
         lowest, highest = s.normal_force(mass)
         problem.set("normal_force_min", lowest)
         problem.set("normal_force_max", highest)
-        super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64), progress)
+        super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64))
         self._contacts = contacts
         self.retune(s)
         view = problem.view
@@ -112,16 +109,14 @@ class CentroidalMpc(SqpMpc):
         self._wrench = view("external_wrench")
         self._x_reference = view("x_reference")
         self._com_weight = view("x_weight")[:, :3]
-        self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s, progress)
+        self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
 
     @classmethod
-    def of(
-        cls, robot: Robot, settings: CentroidalMpcSettings, progress: Callable[[str], None] | None = None
-    ) -> CentroidalMpc:
+    def of(cls, robot: Robot, settings: CentroidalMpcSettings) -> CentroidalMpc:
         """Return the controller of a robot; arguments and errors as of the class."""
         feet = tuple(len(foot.points) for foot in robot.feet)
-        return cls(robot.mass, robot.nc, settings, feet=feet, gravity=robot.gravity, progress=progress)
+        return cls(robot.mass, robot.nc, settings, feet=feet, gravity=robot.gravity)
 
     def retune(self, settings: CentroidalMpcSettings) -> None:
         """Change the weights of the cost, for the next update; other settings act at construction."""

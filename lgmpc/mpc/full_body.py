@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import casadi as ca
@@ -94,7 +94,6 @@ class FullBodyMpc(SqpMpc):
     Args:
         robot: the robot, with a floating base and contact frames.
         settings: horizon, weights, limits.
-        progress: called with a description of what is being compiled.
         costs: further costs, whose weights are in the units of ``settings.weights``.
 
     Raises:
@@ -107,7 +106,6 @@ class FullBodyMpc(SqpMpc):
         self,
         robot: Robot,
         settings: FullBodyMpcSettings | None = None,
-        progress: Callable[[str], None] | None = None,
         costs: Sequence[CostItem] = (),
     ) -> None:
         s = FullBodyMpcSettings() if settings is None else settings
@@ -131,7 +129,7 @@ class FullBodyMpc(SqpMpc):
         n, nc = s.nodes, robot.nc
         problem = ShootingProblem(action, n)
         problem.set("duration", s.node_s)
-        super().__init__(problem, s, robot.mass, -robot.mass * robot.gravity, progress)
+        super().__init__(problem, s, robot.mass, -robot.mass * robot.gravity)
         self.settings: FullBodyMpcSettings = s
         self.robot = robot
         self._efforts = holding_efforts(model, contacts, robot.q_reference)
@@ -161,7 +159,7 @@ class FullBodyMpc(SqpMpc):
         self._force_references = tuple(view(f"force{i}_reference") for i in range(nc))
         self._cones = tuple((view(f"cone{i}_lower"), view(f"cone{i}_upper")) for i in range(nc))
         self._surfaces = tuple((view(f"cone{i}_friction")[:, 0], view(f"cone{i}_normal")) for i in range(nc))
-        read = StageKernel.of(_read_out, action, progress=progress)
+        read = StageKernel.of(_read_out, action)
         self._points = {name: np.zeros((n + 1, size)) for name, size in read.input_sizes.items()}
         self._found = {name: np.zeros((n + 1, size)) for name, size in read.output_sizes.items()}
         self._read = read.bind(n + 1, **self._points, **self._found)

@@ -21,16 +21,12 @@ from lgmpc.robot import Robot
 
 __all__ = ["AnyMpcSettings", "make_mpc"]
 
-Progress = Callable[[str], None]
 
-
-def _full_body(
-    robot: Robot, settings: FullBodyMpcSettings, progress: Progress | None, costs: Sequence[CostItem] = ()
-) -> Mpc:
+def _full_body(robot: Robot, settings: FullBodyMpcSettings, costs: Sequence[CostItem] = ()) -> Mpc:
     """Return the full-body model with a centroidal fallback of the same horizon and limits."""
     shared = settings.model_dump(include=set(CentroidalMpcSettings.model_fields) - {"model", "weights"})
-    centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared), progress)
-    return FallbackMpc(FullBodyMpc(robot, settings, progress, costs), centroidal)
+    centroidal = CentroidalMpc.of(robot, CentroidalMpcSettings(**shared))
+    return FallbackMpc(FullBodyMpc(robot, settings, costs), centroidal)
 
 
 _MODELS: Mapping[type[MpcSettings], Callable[..., Mpc]] = {
@@ -54,15 +50,12 @@ else:
     """The settings of one of the models; the key ``model`` selects which."""
 
 
-def make_mpc(
-    robot: Robot, settings: MpcSettings, progress: Progress | None = None, costs: Sequence[CostItem] = ()
-) -> Mpc:
+def make_mpc(robot: Robot, settings: MpcSettings, costs: Sequence[CostItem] = ()) -> Mpc:
     """Return the predictive controller for ``settings``.
 
     Args:
         robot: the controller's model of the robot.
         settings: settings of one of the models.
-        progress: called with a description of what is being compiled.
         costs: further costs of a model with base and joints.
     """
-    return _MODELS[type(settings)](robot, settings, progress, *([costs] if costs else []))
+    return _MODELS[type(settings)](robot, settings, *([costs] if costs else []))

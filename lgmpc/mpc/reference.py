@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 import numpy as np
 
@@ -27,7 +25,6 @@ class CentroidalReference:
         mass: of the robot, kg.
         uprighting_rate: 1/s.
         node_s: between nodes, s.
-        progress: called with a description of what is being compiled.
 
     Raises:
         CompileError: the compiler failed.
@@ -39,7 +36,6 @@ class CentroidalReference:
         mass: float,
         uprighting_rate: float,
         node_s: float,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         nodes = len(target)
         self._motion = tuple(np.zeros((3, nodes, 3)))
@@ -47,10 +43,8 @@ class CentroidalReference:
         fading = uprighting_rate * np.exp(-uprighting_rate * node_s * np.arange(nodes))
         com, com_velocity, angular_velocity = self._motion
         turn, rotation = np.zeros(3), self._rotation.reshape(-1)
-        self._turn = StageKernel.of(_turn, progress=progress).bind(
-            1, attitude=self._attitude, rotation=rotation, turn=turn
-        )
-        self._run = StageKernel.of(_centroidal_reference, progress=progress).bind(
+        self._turn = StageKernel.of(_turn).bind(1, attitude=self._attitude, rotation=rotation, turn=turn)
+        self._run = StageKernel.of(_centroidal_reference).bind(
             nodes, com=com, com_velocity=com_velocity, angular_velocity=angular_velocity, fading=fading[:, None],
             mass=np.array([mass]), turn=turn, rotation=rotation, inertia=self._inertia.reshape(-1), x_reference=target,
         )  # fmt: skip

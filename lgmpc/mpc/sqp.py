@@ -6,7 +6,6 @@ import logging
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -47,7 +46,6 @@ class SqpMpc(ABC):
         settings: horizon, limits, solver.
         mass: mass of the robot, kg.
         weight: (3,) force that balances gravity, world axes, N.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         settings: as given.
@@ -68,7 +66,6 @@ class SqpMpc(ABC):
         settings: MpcSettings,
         mass: float,
         weight: Array,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         self.settings: MpcSettings = settings
         self.mass = checked_mass(mass)
@@ -76,7 +73,7 @@ class SqpMpc(ABC):
         self.failures_in_a_row = 0
         self._plan: Plan | None = None  # the last fresh one
         self.problem = problem
-        self.solver = RealTimeSqp(problem, settings.qp_solver, progress)
+        self.solver = RealTimeSqp(problem, settings.qp_solver)
         self._weight = weight
         self._flags = problem.view("contact_flags")
         self._bounded = _columns_without_bounds(problem)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi as ca
 import numpy as np
 
@@ -32,7 +30,6 @@ class SubproblemFunctions:
 
     Args:
         problem: the problem.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         compiled: whether it is machine code.
@@ -43,10 +40,10 @@ class SubproblemFunctions:
         dxs: (N+1, ndx) its tangent vectors.
     """
 
-    def __init__(self, problem: ShootingProblem, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, problem: ShootingProblem) -> None:
         n, state, nu = problem.nodes, problem.state, problem.nu
         actions = distinct(problem)
-        structure, kernels, terminal, retract = cached(_compile, actions, problem.terminal, n, nu, progress=progress)
+        structure, kernels, terminal, retract = cached(_compile, actions, problem.terminal, n, nu)
         self.qp = OcpQp(structure)
         self.xs: Array = np.tile(problem.x0, (n + 1, 1))
         self.us: Array = np.zeros((n, nu))
@@ -75,15 +72,14 @@ def _compile(
     last: Action,
     nodes: int,
     nu: int,
-    progress: Callable[[str], None] | None,
 ) -> tuple[OcpQpStructure, tuple[BatchKernel, ...], BatchKernel, BatchKernel]:
     """Return the structure and the kernels of actions, terminal cost, retraction."""
     ng = max(action.value_function.size1_out("constraint") for action in actions)
     matrices = [StageMatrices(action, nu, ng) for action in actions]
     structure = structure_of(matrices, last, nodes)
-    kernels = tuple(BatchKernel(stage.packed(structure.blocks), progress) for stage in matrices)
-    terminal = BatchKernel(pack_terminal(last, structure.terminal_blocks), progress)
-    return structure, kernels, terminal, BatchKernel(retraction(last.state), progress)
+    kernels = tuple(BatchKernel(stage.packed(structure.blocks)) for stage in matrices)
+    terminal = BatchKernel(pack_terminal(last, structure.terminal_blocks))
+    return structure, kernels, terminal, BatchKernel(retraction(last.state))
 
 
 class PathFunctions:
@@ -93,7 +89,6 @@ class PathFunctions:
         problem: the problem.
         xs: (N+1, nx) states, read by every call.
         us: (N, nu) controls.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         values: (N, ng) of the rows; 0 for rows that a node's action does not have.
@@ -101,10 +96,8 @@ class PathFunctions:
         upper: (N, ng); infinity for such rows.
     """
 
-    def __init__(
-        self, problem: ShootingProblem, xs: Array, us: Array, progress: Callable[[str], None] | None = None
-    ) -> None:
-        kernels = cached(_compile_paths, distinct(problem), problem.nu, progress=progress)
+    def __init__(self, problem: ShootingProblem, xs: Array, us: Array) -> None:
+        kernels = cached(_compile_paths, distinct(problem), problem.nu)
         ng = max(0 if kernel is None else kernel.output_sizes["values"] for kernel in kernels)
         self.values: Array = np.zeros((problem.nodes, ng))
         self.lower: Array = np.full((problem.nodes, ng), -np.inf)
@@ -118,13 +111,10 @@ class PathFunctions:
             call()
 
 
-def _compile_paths(
-    actions: tuple[Action, ...], nu: int, progress: Callable[[str], None] | None
-) -> tuple[BatchKernel | None, ...]:
+def _compile_paths(actions: tuple[Action, ...], nu: int) -> tuple[BatchKernel | None, ...]:
     """Return the kernel of each action; None of those without path constraints."""
     return tuple(
-        BatchKernel(_path(action, nu), progress) if action.value_function.numel_out("constraint") else None
-        for action in actions
+        BatchKernel(_path(action, nu)) if action.value_function.numel_out("constraint") else None for action in actions
     )
 
 

@@ -28,7 +28,6 @@ class ShootingFunctions:
 
     Args:
         problem: the problem.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         compiled: whether it is machine code.
@@ -52,7 +51,7 @@ class ShootingFunctions:
         moved: (N+1, ndx), ``xs (-) xs_try``, after :meth:`measure_move`.
     """
 
-    def __init__(self, problem: ShootingProblem, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, problem: ShootingProblem) -> None:
         n, ndx, nu = problem.nodes, problem.state.ndx, problem.nu
         self.problem = problem
         self.xs: Array = np.tile(problem.x0, (n + 1, 1))
@@ -76,7 +75,7 @@ class ShootingFunctions:
         self.moved: Array = np.zeros((n + 1, ndx))
 
         actions = distinct(problem)
-        made = cached(_compile, actions, problem.terminal, problem.state, nu, progress=progress)
+        made = cached(_compile, actions, problem.terminal, problem.state, nu)
         self._expand = (
             *bind_intervals(
                 problem, made.expand, x=self.xs, u=self.us, x_next=self.xs[1:], jacobian=self.jacobian,
@@ -145,24 +144,22 @@ class _Compiled:
     difference: StageKernel
 
 
-def _compile(
-    actions: tuple[Action, ...], last: Action, state: State, nu: int, progress: Callable[[str], None] | None
-) -> _Compiled:
+def _compile(actions: tuple[Action, ...], last: Action, state: State, nu: int) -> _Compiled:
     def expand(action: Action) -> BatchKernel:
-        return BatchKernel(StageMatrices(action, nu).stacked(), progress)
+        return BatchKernel(StageMatrices(action, nu).stacked())
 
     def roll_out(action: Action) -> StageKernel | _RollOut:
         if action.expansion is None:
-            return StageKernel(_roll_out(action, nu), progress)
-        simulate = StageKernel(_simulation(action, nu), progress)
-        return _RollOut(simulate, BatchKernel(action.expansion.cost, progress))
+            return StageKernel(_roll_out(action, nu))
+        simulate = StageKernel(_simulation(action, nu))
+        return _RollOut(simulate, BatchKernel(action.expansion.cost))
 
     return _Compiled(
         tuple(map(expand, actions)),
         tuple(map(roll_out, actions)),
-        BatchKernel(_last_expansion(last), progress),
-        StageKernel(last.terminal_value_function, progress),
-        StageKernel(difference(state), progress),
+        BatchKernel(_last_expansion(last)),
+        StageKernel(last.terminal_value_function),
+        StageKernel(difference(state)),
     )
 
 

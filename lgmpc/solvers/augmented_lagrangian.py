@@ -17,7 +17,6 @@ cost's gradient over the penalty, which grows, while c stays. This is the status
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated, Literal
 
@@ -66,7 +65,6 @@ class AugmentedLagrangianFddp(IterativeSolver):
     Args:
         problem: the problem; its data are read at every solve.
         settings: tolerance and penalties.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         updates: how often the multipliers were updated in this solve.
@@ -79,7 +77,6 @@ class AugmentedLagrangianFddp(IterativeSolver):
         self,
         problem: ShootingProblem,
         settings: AugmentedLagrangianSettings | None = None,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
         self.settings = settings_of(problem, settings, AugmentedLagrangianSettings)
@@ -89,9 +86,9 @@ class AugmentedLagrangianFddp(IterativeSolver):
                 made[id(action)] = penalize(action) if action.path_rows else action
         self._penalized = ShootingProblem([made[id(action)] for action in problem.actions], terminal=problem.terminal)
         least = FddpSettings(stationarity=self.settings.tolerance)
-        self._fddp = Fddp(self._penalized, least, progress)
+        self._fddp = Fddp(self._penalized, least)
         f = self._fddp.functions
-        self._path = PathFunctions(problem, f.xs, f.us, progress)
+        self._path = PathFunctions(problem, f.xs, f.us)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         inner, own = self._penalized, self.problem.parameters

@@ -55,10 +55,9 @@ class ControlBounds:
     Args:
         problem: its parameters are read at every call.
         rows: of :func:`bounded_rows`.
-        progress: called with a description of what is being compiled.
     """
 
-    def __init__(self, problem: ShootingProblem, rows: IntArray, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, problem: ShootingProblem, rows: IntArray) -> None:
         self._place = np.nonzero(rows >= 0)
         self._control = self._place[0], rows[self._place]
         # Of several rows of a control the first has its multiplier.
@@ -67,7 +66,7 @@ class ControlBounds:
         self._bounded = tuple(index[first] for index in self._control)
         # A row is its control and an expression in the parameters: its value for zero controls in any state.
         xs = np.tile(problem.state.neutral(), (problem.nodes + 1, 1))
-        self._path = PathFunctions(problem, xs, np.zeros((problem.nodes, problem.nu)), progress)
+        self._path = PathFunctions(problem, xs, np.zeros((problem.nodes, problem.nu)))
 
     def write(self, lower: Array, upper: Array) -> None:
         """Write the bounds of all controls (N, nu): infinite where there is none, the tightest of several."""
@@ -99,7 +98,6 @@ class BoxSweep:
 
     Args:
         functions: expansion and bounds (read) and gains (written).
-        progress: called with a description of what is being compiled.
 
     Attributes:
         value_hessian: (N+1, ndx, ndx) of the cost-to-go for the fixed controls.
@@ -110,20 +108,20 @@ class BoxSweep:
         compiled: whether it is machine code.
     """
 
-    def __init__(self, functions: ShootingFunctions, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, functions: ShootingFunctions) -> None:
         f = self._functions = functions
         # The expansion in which some controls are fixed: their columns are part of gaps and gradients.
         jacobian, hessian, gradient, gaps = (np.zeros_like(a) for a in (f.jacobian, f.hessian, f.gradient, f.gaps))
         last, gains = (f.last_hessian, f.last_gradient), (f.feedback, f.feedforward)
         self._model = Expansion(jacobian, hessian, gradient, gaps, *last, *gains, f.compiled)
-        self._sweep = BackwardSweep(self._model, progress)
+        self._sweep = BackwardSweep(self._model)
         self.value_hessian, self.value_gradient = self._sweep.value_hessian, self._sweep.value_gradient
         self.held: IntArray = np.zeros(functions.us.shape, dtype=np.int64)
         self.dxs: Array = np.zeros(functions.gaps.shape)
         self.dus: Array = np.zeros(functions.us.shape)
         self._expected = np.zeros(2)
         source = (files("lgmpc.solvers") / "box.c").read_text()
-        library = compile_source("lgmpc_box", source, progress=progress) if self._sweep.compiled else None
+        library = compile_source("lgmpc_box", source) if self._sweep.compiled else None
         self.compiled = library is not None
         if library is not None:
             self._bind(ctypes.CDLL(str(library)).lgmpc_box)
@@ -252,9 +250,9 @@ class BoxFddp(Fddp):
     def _check_constraints(self) -> None:
         self._rows = bounded_rows(self.problem)
 
-    def _make_sweep(self, progress: Callable[[str], None] | None) -> BoxSweep:
-        self._bounds = ControlBounds(self.problem, self._rows, progress)
-        self._box = BoxSweep(self.functions, progress)
+    def _make_sweep(self) -> BoxSweep:
+        self._bounds = ControlBounds(self.problem, self._rows)
+        self._box = BoxSweep(self.functions)
         return self._box
 
     def _begin(self, guess: Trajectory) -> Status | None:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -116,7 +115,6 @@ class Fddp(IterativeSolver):
     Args:
         problem: the problem; its data are read at every solve.
         settings: tolerances and schedules.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         functions: the compiled problem, with the current expansion.
@@ -133,13 +131,12 @@ class Fddp(IterativeSolver):
         self,
         problem: ShootingProblem,
         settings: FddpSettings | None = None,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
         self.settings = settings_of(problem, settings, FddpSettings)
         self._check_constraints()
-        self.functions = ShootingFunctions(problem, progress)
-        self.sweep = self._make_sweep(progress)
+        self.functions = ShootingFunctions(problem)
+        self.sweep = self._make_sweep()
         self._clock, self._regularization = [0.0, 0.0, 0.0], _Regularization()
         self._fresh = self._swept = False  # whether expansion and sweep are those of the current trajectory
         self._finite = False  # whether the expansion is
@@ -148,8 +145,8 @@ class Fddp(IterativeSolver):
     def _check_constraints(self) -> None:
         check_unconstrained(self.problem)
 
-    def _make_sweep(self, progress: Callable[[str], None] | None) -> Any:
-        return BackwardSweep(self.functions, progress)
+    def _make_sweep(self) -> Any:
+        return BackwardSweep(self.functions)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f = self.functions

@@ -79,7 +79,6 @@ class LineSearchSqp(IterativeSolver):
         settings: tolerances.
         qp_solver: solver of the subproblems: a name, or a function that returns one. It must be more accurate than the
             tolerance; lgmpc's own unless given.
-        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: no such QP solver.
@@ -94,20 +93,18 @@ class LineSearchSqp(IterativeSolver):
         problem: ShootingProblem,
         settings: LineSearchSqpSettings | None = None,
         qp_solver: str | Callable[[OcpQp], QpSolver] | None = None,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         self.problem = problem
         self.settings = settings_of(problem, settings, LineSearchSqpSettings)
-        self.functions = SubproblemFunctions(problem, progress)
-        self._report = progress
+        self.functions = SubproblemFunctions(problem)
         self._globaliser: AugmentedLagrangianFddp | None = None  # made when it is first needed
         self._global = self._was_global = False  # whether it is working, and whether it has been in this solve
         qp = self.functions.qp
         if qp_solver is not None:
-            self.qp_solver = make_qp_solver(qp_solver, qp, progress)
+            self.qp_solver = make_qp_solver(qp_solver, qp)
         else:
-            riccati = DenseRiccati(qp, progress)
-            self.qp_solver = ActiveSetSolver(qp, 1e-2 * self.settings.tolerance, riccati=riccati, progress=progress)
+            riccati = DenseRiccati(qp)
+            self.qp_solver = ActiveSetSolver(qp, 1e-2 * self.settings.tolerance, riccati=riccati)
 
     def _begin(self, guess: Trajectory) -> Status | None:
         f, s = self.functions, self.qp.structure
@@ -183,7 +180,7 @@ class LineSearchSqp(IterativeSolver):
         if self._globaliser is None:
             tolerance = max(self.settings.tolerance, 1e-9)
             settings = AugmentedLagrangianSettings(tolerance=tolerance)
-            self._globaliser = AugmentedLagrangianFddp(self.problem, settings, self._report)
+            self._globaliser = AugmentedLagrangianFddp(self.problem, settings)
         self._globaliser._known = None
         self._global = self._globaliser._begin(self._start) is None
         return self._global

@@ -52,22 +52,19 @@ def check_method(problem: ShootingProblem, settings: SolverSettings) -> None:
         _CONSTRAINTS[settings.method](problem)
 
 
-def make_solver(
-    problem: ShootingProblem, settings: SolverSettings, progress: Callable[[str], None] | None = None
-) -> Solver:
+def make_solver(problem: ShootingProblem, settings: SolverSettings) -> Solver:
     """Return the solver that ``settings.method`` names.
 
     Args:
         problem: the problem; its data are read at every solve.
         settings: method, tolerances and limits.
-        progress: called with a description of what is being compiled.
 
     Raises:
         InputError: the method does not support the problem's path constraints.
     """
     instance("settings", settings, SolverSettings, "settings of a solver, as FddpSettings()")
     _, kind = _METHODS[settings.method]
-    return kind(problem, settings, progress=progress)
+    return kind(problem, settings)
 
 
 def _method(value: Any) -> Any:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -63,7 +62,6 @@ class NlpSolver(Solver):
     Args:
         problem: the problem; its data are read at every solve.
         settings: solver, tolerance and limits.
-        progress: not called: CasADi interprets the problem's functions.
 
     Raises:
         InputError: fatrop, for a problem with actions of Python.
@@ -73,7 +71,6 @@ class NlpSolver(Solver):
         self,
         problem: ShootingProblem,
         settings: NlpSettings | None = None,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         self.settings: NlpSettings = settings_of(problem, settings, NlpSettings)
         self.name, self.interruptible = self.settings.method, self.settings.method == "ipopt"

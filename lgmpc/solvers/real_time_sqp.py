@@ -39,7 +39,6 @@ class RealTimeSqp:
     Args:
         problem: the problem.
         qp_solver: name of the solver of the subproblems, or a function that makes one.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         xs: (N+1, nx) current states.
@@ -56,23 +55,22 @@ class RealTimeSqp:
         self,
         problem: ShootingProblem,
         qp_solver: str | Callable[[OcpQp], QpSolver] = "active_set",
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         instance("problem", problem, ShootingProblem, "a ShootingProblem")
         self.problem = problem
         state = problem.action.state  # controls and multipliers are shifted: all nodes have the same
-        f = self._functions = SubproblemFunctions(problem, progress)
+        f = self._functions = SubproblemFunctions(problem)
         self.xs: Array = f.xs
         self.us: Array = f.us
         self.qp = f.qp
-        self.qp_solver = make_qp_solver(qp_solver, self.qp, progress)
-        move, subtract = cached(_compile, state, progress=progress)
+        self.qp_solver = make_qp_solver(qp_solver, self.qp)
+        move, subtract = cached(_compile, state)
         self._fraction, self._x0, self._dx0 = np.zeros(1), np.zeros(state.nx), np.zeros(state.ndx)
         self._move = move.bind(problem.nodes, x=f.xs_base, x_next=f.xs_base[1:], fraction=self._fraction, moved=self.xs)
         self._subtract = subtract.bind(1, x0=self.xs[0], x1=self._x0, dx=self._dx0)
         point = self.qp_solver.solution
         self._shifts = [
-            StageKernel.of(_shift, array.shape[1], progress=progress).bind(
+            StageKernel.of(_shift, array.shape[1]).bind(
                 problem.nodes - 1, row=array, row_next=array[1:], fraction=self._fraction, moved=array
             )
             for array in (self.us, point.costates, point.multipliers)
@@ -148,9 +146,9 @@ class RealTimeSqp:
         return Status.STEPPED if status is Status.CONVERGED else Status.ACCEPTABLE
 
 
-def _compile(state: State, progress: Callable[[str], None] | None) -> tuple[BatchKernel, StageKernel]:
+def _compile(state: State) -> tuple[BatchKernel, StageKernel]:
     """Return the shift of states in time, and their difference."""
-    return BatchKernel(advance(state), progress), StageKernel(difference(state), progress)
+    return BatchKernel(advance(state)), StageKernel(difference(state))
 
 
 def _shift(size: int) -> ca.Function:

@@ -103,7 +103,6 @@ class BackwardSweep:
 
     Args:
         functions: expansion (read) and gains (written).
-        progress: called with a description of what is being compiled.
 
     Attributes:
         value_hessian: (N+1, ndx, ndx) V.
@@ -116,13 +115,13 @@ class BackwardSweep:
         address: of the machine code, 0 if there is none.
     """
 
-    def __init__(self, functions: Expansion | ShootingFunctions, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, functions: Expansion | ShootingFunctions) -> None:
         f = self._functions = functions
         n, width, ndx = f.jacobian.shape
         self.value_hessian: Array = np.zeros((n + 1, ndx, ndx))
         self.value_gradient: Array = np.zeros((n + 1, ndx))
         self.control_gradient: Array = np.zeros((n, width - ndx))
-        library = compile_stages("lgmpc_sweep", "lgmpc.solvers", ndx, width - ndx, progress) if f.compiled else None
+        library = compile_stages("lgmpc_sweep", "lgmpc.solvers", ndx, width - ndx) if f.compiled else None
         self.compiled = library is not None
         self.plan, self.shift = np.array([n, 0, n - 1], dtype=np.int64), np.zeros(1)
         arrays = (
@@ -214,9 +213,7 @@ def penalised_feedback(qp: OcpQp, weights: Array | float = 0.0) -> Array:
     return model.feedback if BackwardSweep(model).run(0.0, closed=True) else model.feedback[:0]
 
 
-def compile_stages(
-    name: str, package: str, ndx: int, nu: int, progress: Callable[[str], None] | None = None
-) -> ctypes.CDLL | None:
+def compile_stages(name: str, package: str, ndx: int, nu: int) -> ctypes.CDLL | None:
     """Return the library of a recursion over stages of one size, None where nothing can be compiled.
 
     Args:
@@ -224,7 +221,6 @@ def compile_stages(
         package: package of the C source.
         ndx: dimension of a state's tangent space.
         nu: of the control.
-        progress: called with a description of what is being compiled.
     """
     own = files(package) / f"{name.removeprefix('lgmpc_')}.c"
     parts = (
@@ -233,7 +229,7 @@ def compile_stages(
         (files("lgmpc.solvers") / "tiles.c").read_text(),
         own.read_text(),
     )
-    library = compile_source(f"{name}_{ndx}_{nu}", "".join(parts), progress=progress)
+    library = compile_source(f"{name}_{ndx}_{nu}", "".join(parts))
     return None if library is None else ctypes.CDLL(str(library))
 
 

@@ -510,13 +510,13 @@ class Written:
         self.entries: dict[bytes, bytes] = {}
         self.functions: dict[int, ca.Function] = {}
 
-    def cached(self, make: Any, *arguments: Any, progress: Any = None) -> Any:
+    def cached(self, make: Any, *arguments: Any) -> Any:
         content = lgmpc.compile.index._content(make, arguments)
         if content is None:
-            return make(*arguments, progress=progress)
+            return make(*arguments)
         if content.data not in self.entries:
             _, given = content.restored()
-            made = make(*given, progress=progress)
+            made = make(*given)
             pickler = pickle.Pickler(buffer := io.BytesIO(), pickle.HIGHEST_PROTOCOL)
             pickler.persistent_id = self._name  # type: ignore[method-assign]
             pickler.dump(made)

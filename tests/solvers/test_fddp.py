@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.actions import Action, Bounded, FreeForwardDynamics, MultibodyAction
-from lgmpc.compile import find_compiler
+from lgmpc.compile import find_compiler, reporting
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError, SolverError
@@ -331,7 +331,8 @@ def test_a_new_cost_compiles_nothing_of_the_dynamics(tmp_path: Path, monkeypatch
     for name, costs in (("first", [effort]), ("second", [effort, posture])):
         messages: list[str] = []
         action = MultibodyAction(name, dynamics, costs)
-        Fddp(ShootingProblem(action, 3), progress=messages.append)
+        with reporting(messages.append):
+            Fddp(ShootingProblem(action, 3))
         started.append([message.split("'")[1] for message in messages if "once, later runs load it" in message])
     assert len(started[0]) > 6
     assert sorted(started[1]) == ["second_cost", "second_costs", "second_last_expansion", "second_terminal_value"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import casadi
 import numpy as np
 
@@ -13,10 +11,8 @@ from lgmpc.compile import StageKernel
 class OnOwnMemory:
     """A function over some stages: ``run`` reads ``given`` and writes ``found``, rows by name; a call does all."""
 
-    def __init__(
-        self, function: casadi.Function, stages: int = 1, progress: Callable[[str], None] | None = None
-    ) -> None:
-        kernel = StageKernel(function, progress)
+    def __init__(self, function: casadi.Function, stages: int = 1) -> None:
+        kernel = StageKernel(function)
         self.compiled = kernel.compiled
         self.given = {name: np.zeros((stages, size)) for name, size in kernel.input_sizes.items()}
         self.found = {name: np.zeros((stages, size)) for name, size in kernel.output_sizes.items()}

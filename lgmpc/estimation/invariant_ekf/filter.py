@@ -55,8 +55,6 @@ class InvariantEkf:
         outlier_probability: of a foot whose errors are as assumed; feet whose innovations are less probable than this
             do not correct the estimate (chi-square test of the normalised innovation squared, Bar-Shalom, Li and
             Kirubarajan 2001, 5.4.2). 0: all feet correct it.
-        progress: called with a description of what is being compiled. The corrections by landmarks and heights are
-            compiled at their first use.
 
     Attributes:
         contact_offset: as given, to be written to where surfaces tilt.
@@ -91,7 +89,6 @@ class InvariantEkf:
         contact_offset: Array | tuple[float, float, float] = (0.0, 0.0, 0.0),
         form: ErrorForm = RIGHT,
         outlier_probability: float = 0.0,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         contacts = whole("contacts", contacts, "at least one foot", 1)
         number("slip", slip, "a density that is not negative", 0.0)
@@ -99,7 +96,7 @@ class InvariantEkf:
         instance("noise", noise, ImuNoise)
         if not hasattr(form, "from_differences"):
             raise InputError("form", type(form).__name__, "RIGHT, LEFT or MULTIPLICATIVE")
-        self.form, self.contacts, self._progress = form, contacts, progress
+        self.form, self.contacts = form, contacts
         columns, size = 5 + contacts, 15 + 3 * contacts
         self._state, self._scratch = (np.zeros(columns**2 + 6 + size**2) for _ in range(2))
         state, following = (_split_state(memory, columns, size) for memory in (self._state, self._scratch))
@@ -121,7 +118,7 @@ class InvariantEkf:
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}
         self._after = {"pose_next": _column_major(following[0]), "covariance_next": following[2].ravel()}
-        self._predict = StageKernel.of(prediction, form, contacts, progress=progress).bind(
+        self._predict = StageKernel.of(prediction, form, contacts).bind(
             1,
             **self._before,
             **self._after,
@@ -130,7 +127,7 @@ class InvariantEkf:
             contact=self._flags,
             parameters=self._parameters,
         )
-        self._correct = StageKernel.of(correction, form, contacts, progress=progress).bind(
+        self._correct = StageKernel.of(correction, form, contacts).bind(
             1,
             **self._before,
             **self._after,
@@ -142,7 +139,7 @@ class InvariantEkf:
             gate=self._gate,
             squares=self._squares,
         )
-        self._augment = StageKernel.of(augmentation, form, contacts, progress=progress).bind(
+        self._augment = StageKernel.of(augmentation, form, contacts).bind(
             1,
             pose=self._before["pose"],
             covariance=self._before["covariance"],
@@ -349,7 +346,7 @@ class InvariantEkf:
         self, function: Callable[[ErrorForm, int], ca.Function], inputs: dict[str, Array]
     ) -> Callable[[], int]:
         """Connect a correction to the filter's memory."""
-        kernel = StageKernel.of(function, self.form, self.contacts, progress=self._progress)
+        kernel = StageKernel.of(function, self.form, self.contacts)
         return kernel.bind(1, **self._before, **self._after, bias_next=self._next_bias, **inputs)
 
 

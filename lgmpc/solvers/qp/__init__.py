@@ -28,27 +28,19 @@ __all__ = [
     "make_qp_solver",
 ]
 
-_Progress = Callable[[str], None]
-
-_MAKERS: dict[str, Callable[[OcpQp, _Progress | None], QpSolver]] = {
-    "active_set": lambda qp, progress: ActiveSetSolver(qp, progress=progress),
-    "piqp": lambda qp, _: PiqpSolver(qp),
-    "osqp": lambda qp, _: OsqpSolver(qp),
-    "proxqp": lambda qp, _: ProxqpSolver(qp),
+_MAKERS: dict[str, Callable[[OcpQp], QpSolver]] = {
+    kind.name: kind for kind in (ActiveSetSolver, PiqpSolver, OsqpSolver, ProxqpSolver)
 }
 QP_SOLVERS: tuple[str, ...] = tuple(_MAKERS)
 """Names that :func:`make_qp_solver` accepts."""
 
 
-def make_qp_solver(
-    solver: str | Callable[[OcpQp], QpSolver], qp: OcpQp, progress: Callable[[str], None] | None = None
-) -> QpSolver:
+def make_qp_solver(solver: str | Callable[[OcpQp], QpSolver], qp: OcpQp) -> QpSolver:
     """Make a solver with its standard settings, by the name that a config has, or by a function.
 
     Args:
         solver: one of :data:`QP_SOLVERS`, or a function that makes one.
         qp: the problem.
-        progress: called with a description of what is being compiled, if anything is.
 
     Raises:
         InputError: no such solver; names the nearest.
@@ -59,4 +51,4 @@ def make_qp_solver(
         return solver(qp)
     if not isinstance(solver, str) or solver not in _MAKERS:
         raise InputError("qp_solver", str(solver), "a solver of quadratic programmes", QP_SOLVERS)
-    return _MAKERS[solver](qp, progress)
+    return _MAKERS[solver](qp)

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
@@ -56,9 +56,9 @@ _HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weigh
 _START = 20.0  # penalty of all rows where the central path begins, in control weights
 
 
-def riccati_for(qp: OcpQp, progress: Callable[[str], None] | None = None) -> RiccatiSolver:
+def riccati_for(qp: OcpQp) -> RiccatiSolver:
     """Return scalar code for small stages, dense blocks for large ones."""
-    return DenseRiccati(qp, progress) if is_large(qp) else SparseRiccati(qp, progress)
+    return DenseRiccati(qp) if is_large(qp) else SparseRiccati(qp)
 
 
 class ActiveSetSolver:
@@ -74,7 +74,6 @@ class ActiveSetSolver:
         fallbacks: solvers of the same problem that take over, tried in this order: interior point methods fail on
             different problems. PIQP unless given, in dense blocks first, then with sparse factors.
         riccati: of the same problem; :func:`riccati_for` unless given.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         iterations: factorisations of the last solve, and the fallbacks' iterations if they took over.
@@ -97,7 +96,6 @@ class ActiveSetSolver:
         max_iterations: int = 30,
         fallbacks: Sequence[QpSolver] | None = None,
         riccati: RiccatiSolver | None = None,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         if not float(numbers("tolerance", tolerance, ())) > 0.0:
             raise InputError("tolerance", tolerance, "above 0")
@@ -109,11 +107,11 @@ class ActiveSetSolver:
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
         piqp = (PiqpSolver(qp, 1e-2 * tolerance, most, kind) for kind, most in _PIQP) if fallbacks is None else ()
         self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)
-        self._riccati = r = riccati_for(qp, progress) if riccati is None else riccati
+        self._riccati = r = riccati_for(qp) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
-        self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance, progress)
+        self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance)
         bounds = qp.vector("lower"), qp.vector("upper")
-        self._path = CentralPath(*bounds, r.rows, r.weights, r.targets, self.solution.multipliers, progress)
+        self._path = CentralPath(*bounds, r.rows, r.weights, r.targets, self.solution.multipliers)
         self.available = r.available and self._penalties.available and self._path.available
         self._scale, self._ready = 0.0, False
         block = s.blocks["R"]
@@ -283,7 +281,6 @@ class Penalties:
         riccati: its rows are read, its weights, targets and multipliers written.
         known: (N, ng) multipliers that :meth:`resume` begins with.
         least: smaller ones count as zero.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         available: whether there is machine code; else nothing can be called.
@@ -300,11 +297,10 @@ class Penalties:
         riccati: RiccatiSolver,
         known: Array,
         least: float,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         s = qp.structure
         source = files("lgmpc.solvers.qp").joinpath("penalties.c").read_text(encoding="utf-8")
-        path = compile_source("lgmpc_penalties", source, progress=progress)
+        path = compile_source("lgmpc_penalties", source)
         self.available = path is not None
         self.mu: Array = np.zeros((s.nodes, s.ng))
         self.point: Array = np.zeros((s.nodes, s.ng))

@@ -14,7 +14,6 @@ implementation of a primal-dual interior point method", SIAM J. Optim. 2, 1992.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
 from importlib.resources import files
 
 import numpy as np
@@ -51,7 +50,6 @@ class CentralPath:
         weights: (N, ng) of the rows' penalties, written.
         targets: (N, ng) the same.
         known: (N, ng) multipliers that are near the solution's, zero for none: the path begins as near to its end.
-        progress: called with a description of what is being compiled.
 
     Attributes:
         available: whether there is machine code; else nothing can be called.
@@ -68,10 +66,9 @@ class CentralPath:
         weights: Array,
         targets: Array,
         known: Array,
-        progress: Callable[[str], None] | None = None,
     ) -> None:
         source = files("lgmpc.solvers.qp").joinpath("central_path.c").read_text(encoding="utf-8")
-        path = compile_source("lgmpc_central_path", source, progress=progress)
+        path = compile_source("lgmpc_central_path", source)
         self.available = path is not None
         self.settled = False
         self.point, self.multipliers, held = (np.zeros(rows.shape) for _ in range(3))

@@ -31,16 +31,15 @@ class DenseRiccati(RiccatiSolver):
 
     Args:
         qp: the problem.
-        progress: called with a description of what is being compiled.
     """
 
     penalty = 1e7  # one update of the multipliers is enough; rounding is corrected
 
-    def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, qp: OcpQp) -> None:
         super().__init__(qp)
         s = qp.structure
         n, nx, nu, ng, w = s.nodes, s.ndx, s.nu, s.ng, s.ndx + s.nu
-        library = compile_stages("lgmpc_dense_riccati", "lgmpc.solvers.qp", nx, nu, progress)
+        library = compile_stages("lgmpc_dense_riccati", "lgmpc.solvers.qp", nx, nu)
         self.available = library is not None
         self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_dense_riccati
 

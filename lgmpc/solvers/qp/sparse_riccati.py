@@ -12,7 +12,6 @@ symmetric matrices are computed once.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
@@ -30,15 +29,14 @@ class SparseRiccati(RiccatiSolver):
 
     Args:
         qp: the problem.
-        progress: called with a description of what is being compiled.
     """
 
     penalty = 1e4  # rounding is far below the tolerance, and is not corrected
 
-    def __init__(self, qp: OcpQp, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, qp: OcpQp) -> None:
         super().__init__(qp)
         s, n = qp.structure, qp.structure.nodes
-        kernels = cached(_compile, replace(s, nodes=1), progress=progress)  # of any horizon
+        kernels = cached(_compile, replace(s, nodes=1))  # of any horizon
         last, backward, revise, forward, total = kernels
         self.available = backward.compiled
         self.dx0 = self.dxs[0]
@@ -75,7 +73,7 @@ class SparseRiccati(RiccatiSolver):
             call()
 
 
-def _compile(s: OcpQpStructure, progress: Callable[[str], None] | None) -> tuple[StageKernel, ...]:
+def _compile(s: OcpQpStructure) -> tuple[StageKernel, ...]:
     """Return the cost-to-go of the last node, the sweep, its part that targets change, the roll-out, the whole cost."""
     name = f"lqr_{s.ndx}_{s.nu}_{s.ng}"
     v, dx, cost = ca.SX.sym("v", s.terminal_size), ca.SX.sym("dx", s.ndx), ca.SX.sym("cost")
@@ -85,7 +83,7 @@ def _compile(s: OcpQpStructure, progress: Callable[[str], None] | None) -> tuple
     whole = cost + ca.dot(dx, m["Q"] @ dx) / 2 + ca.dot(m["q"], dx)
     total = ca.Function(f"{name}_total", [v, dx, cost], [whole], ["terminal_values", "dx", "cost"], ["total"])
     sweep = (_backward(s, f"{name}_backward"), _revise(s, f"{name}_revise"), _forward(s, f"{name}_forward"))
-    return tuple(StageKernel(function, progress) for function in (last, *sweep, total))
+    return tuple(StageKernel(function) for function in (last, *sweep, total))
 
 
 def _backward(s: OcpQpStructure, name: str) -> ca.Function:

@@ -18,7 +18,7 @@ from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
-from lgmpc.compile.native import aligned_zeros, compile_source, reporting
+from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, reporting
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
 from lgmpc.compile.simd import SQUARES
 
@@ -36,6 +36,7 @@ __all__ = [
     "compile_source",
     "densify_function",
     "find_compiler",
+    "frame_of",
     "inspect_cache",
     "jit_enabled",
     "cached",

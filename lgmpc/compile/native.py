@@ -10,9 +10,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
 
 import casadi
 import numpy as np
+from numpy.typing import NDArray
 
 from lgmpc.compile.cache import cache_folder, discard, find_entry, make_entry, request_key
 from lgmpc.compile.compiler import Compiler, compiler_for_functions
@@ -24,6 +26,7 @@ __all__ = [
     "aligned_zeros",
     "bind_library",
     "compile_source",
+    "frame_of",
     "load_library",
     "reporting",
 ]
@@ -68,10 +71,38 @@ def load_library(function: casadi.Function, compiler: Compiler, lanes: bool = Fa
         CompileError: it is not a list of scalar operations, the compiler failed on it, or the result cannot be loaded.
         InputError: the cache folder cannot be used.
     """
-    name = function.name()
-    folder = cache_folder()
     code = (casadi.CasadiMeta.version(), *SIMD_IDENTITY, str(lanes), str(function.serialize()))
-    key = request_key(compiler.identity, *code)
+    return _load(function.name(), code, lambda: generate_simd(function, lanes), compiler)
+
+
+def compile_source(name: str, source: str) -> ctypes.CDLL | None:
+    """Load the library of a C source, as :func:`load_library` does.
+
+    Args:
+        name: a C identifier, part of the file's name.
+        source: one C file; its entry points need default visibility.
+
+    Returns:
+        The library; None without a compiler, or with ``LGMPC_JIT=0``.
+
+    Raises:
+        CompileError: the compiler failed, or the result cannot be loaded.
+        InputError: the environment (cache folder, ``CC``) cannot be used.
+    """
+    compiler = compiler_for_functions()
+    return None if compiler is None else _load(name, ("source", source), lambda: (source,), compiler)
+
+
+def _load(name: str, content: Sequence[str], write: Callable[[], Sequence[str]], compiler: Compiler) -> ctypes.CDLL:
+    """Load a library from the cache, built first if necessary.
+
+    Args:
+        name: of the function.
+        content: what determines its code.
+        write: returns its C files.
+        compiler: of a missing library.
+    """
+    folder, key = cache_folder(), request_key(compiler.identity, *content)
     entry = find_entry(folder, name, key)
     if entry is not None:
         try:
@@ -80,7 +111,7 @@ def load_library(function: casadi.Function, compiler: Compiler, lanes: bool = Fa
             _log.warning("cache entry %s does not load (%s): it is built again", entry.name, error)
             discard(entry)
 
-    start, sources = time.perf_counter(), generate_simd(function, lanes)
+    start, sources = time.perf_counter(), write()
     size = sum(len(source) for source in sources)
     report(f"compiling '{name}' ({size / 1e6:.1f} MB of C) with {compiler.name}; once, later runs load it")
 
@@ -129,34 +160,12 @@ def bind_library(
     measure.restype = ctypes.c_longlong
     base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
     plan = np.array([stages, *steps], dtype=np.int64)
-    parts = (base, plan, np.zeros_like(base), aligned_zeros(measure()))
-    frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
-    # The frame contains addresses only: keep the arrays alive as long as the frame.
-    frame.keep = (*parts, *memory)  # type: ignore[attr-defined]
+    frame = frame_of(base, plan, np.zeros_like(base), aligned_zeros(measure()), keep=memory)
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
 
 
-def compile_source(name: str, source: str) -> Path | None:
-    """Compile a C source into a library, or find it in the cache.
-
-    Args:
-        name: a C identifier, part of the file's name.
-        source: one C file; its entry points need default visibility.
-
-    Returns:
-        The library; None without a compiler, or with ``LGMPC_JIT=0``.
-
-    Raises:
-        CompileError: the compiler failed.
-        InputError: the environment (cache folder, ``CC``) cannot be used.
-    """
-    compiler = compiler_for_functions()
-    if compiler is None:
-        return None
-    folder = cache_folder()
-    key = request_key("source", casadi.CasadiMeta.version(), compiler.identity, source)
-    entry = find_entry(folder, name, key)
-    if entry is None:
-        report(f"compiling '{name}' ({len(source) / 1e6:.1f} MB of C) with {compiler.name}")
-        entry = make_entry(folder, name, key, (source,), lambda c, so: compiler.build(c, so, name), lambda: None)
-    return entry
+def frame_of(*arrays: Array | NDArray[Any], keep: Sequence[object] = ()) -> Any:
+    """Return the addresses of arrays, the argument of machine code; arrays and ``keep`` live as long as it does."""
+    frame = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+    frame.keep = (*arrays, *keep)  # type: ignore[attr-defined]
+    return frame

@@ -17,7 +17,7 @@ import casadi
 import numpy as np
 
 from lgmpc.compile.compiler import Compiler
-from lgmpc.compile.native import aligned_zeros, compile_source, load_library
+from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, load_library
 from lgmpc.compile.simd import SQUARES
 from lgmpc.typing import Array
 
@@ -146,7 +146,8 @@ def load_pipeline(pipeline: Pipeline, compiler: Compiler) -> list[ctypes.CDLL]:
         InputError: the cache folder cannot be used.
     """
     source = SQUARES + files("lgmpc.compile").joinpath("pipeline.c").read_text(encoding="utf-8")
-    driver = ctypes.CDLL(str(compile_source("lgmpc_pipeline", source)))
+    driver = compile_source("lgmpc_pipeline", source)
+    assert driver is not None  # there is a compiler
     known: dict[int, ctypes.CDLL] = {}
     for step in pipeline.steps:
         if id(step.function) not in known:
@@ -230,15 +231,7 @@ def bind_pipeline(
     driver.lgmpc_pipeline_lanes.restype = ctypes.c_longlong
     memory = aligned_zeros(driver.lgmpc_pipeline_lanes() * (layout.work + scratch))
     given = np.zeros(layout.arguments, dtype=np.uintp)
-    parts = (
-        base,
-        np.array([*plan, *layout.plan], dtype=np.int64),
-        np.array(functions, dtype=np.uintp),
-        memory,
-        given,
-        np.array(entries, dtype=np.int64),
-    )
-    frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
-    # The frame contains addresses only: keep what they point to as long as the frame.
-    frame.keep = (*parts, *arrays, *libraries)  # type: ignore[attr-defined]
+    whole_plan, addresses = np.array([*plan, *layout.plan], dtype=np.int64), np.array(functions, dtype=np.uintp)
+    chosen_entries = np.array(entries, dtype=np.int64)
+    frame = frame_of(base, whole_plan, addresses, memory, given, chosen_entries, keep=(*arrays, *libraries))
     return functools.partial(driver.lgmpc_pipeline, ctypes.byref(frame))

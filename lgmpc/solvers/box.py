@@ -124,7 +124,7 @@ class BoxSweep:
         library = compile_source("lgmpc_box", source) if self._sweep.compiled else None
         self.compiled = library is not None
         if library is not None:
-            self._bind(ctypes.CDLL(str(library)).lgmpc_box)
+            self._bind(library.lgmpc_box)
 
     def _bind(self, call: Callable[[Any], int]) -> None:
         """Give the machine code its arrays."""

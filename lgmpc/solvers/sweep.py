@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import lapack
 
-from lgmpc.compile import SQUARES, aligned_zeros, compile_source
+from lgmpc.compile import SQUARES, aligned_zeros, compile_source, frame_of
 from lgmpc.ocp import OcpQp, ShootingFunctions
 from lgmpc.typing import Array
 
@@ -124,13 +124,11 @@ class BackwardSweep:
         library = compile_stages("lgmpc_sweep", "lgmpc.solvers", ndx, width - ndx) if f.compiled else None
         self.compiled = library is not None
         self.plan, self.shift = np.array([n, 0, n - 1], dtype=np.int64), np.zeros(1)
-        arrays = (
+        self.frame = frame_of(
             self.plan, self.shift, f.jacobian, f.hessian, f.gradient, f.gaps, f.last_hessian, f.last_gradient,
             f.feedback, f.feedforward, self.value_hessian, self.value_gradient, self.control_gradient,
             aligned_zeros(0 if library is None else work_size(library, "lgmpc_sweep_work")),
         )  # fmt: skip
-        self._memory = arrays  # the frame contains addresses only
-        self.frame = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
         self._call: Callable[[Any], int] = self._in_numpy if library is None else library.lgmpc_sweep
         self.address: int = 0 if library is None else ctypes.cast(library.lgmpc_sweep, ctypes.c_void_p).value or 0
 
@@ -229,8 +227,7 @@ def compile_stages(name: str, package: str, ndx: int, nu: int) -> ctypes.CDLL | 
         (files("lgmpc.solvers") / "tiles.c").read_text(),
         own.read_text(),
     )
-    library = compile_source(f"{name}_{ndx}_{nu}", "".join(parts))
-    return None if library is None else ctypes.CDLL(str(library))
+    return compile_source(f"{name}_{ndx}_{nu}", "".join(parts))
 
 
 def work_size(library: ctypes.CDLL, function: str, *sizes: int) -> int:

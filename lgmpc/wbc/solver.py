@@ -232,9 +232,7 @@ class DualActiveSet:
         self._frame = (ctypes.c_void_p * len(self._memory))(*(array.ctypes.data for array in self._memory))
         library = compile_source("lgmpc_active_set", (files("lgmpc.wbc") / "active_set.c").read_text())
         self.available = library is not None
-        self._call: Callable[[Any], int] = (
-            _unavailable if library is None else ctypes.CDLL(str(library)).lgmpc_active_set
-        )
+        self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_active_set
 
     @property
     def steps(self) -> int:

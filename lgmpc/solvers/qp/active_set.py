@@ -25,14 +25,13 @@ solve continues with active sets and ends exactly, without the ill-conditioned e
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
 
-from lgmpc.compile import compile_source
+from lgmpc.compile import compile_source, frame_of
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
@@ -300,20 +299,17 @@ class Penalties:
     ) -> None:
         s = qp.structure
         source = files("lgmpc.solvers.qp").joinpath("penalties.c").read_text(encoding="utf-8")
-        path = compile_source("lgmpc_penalties", source)
-        self.available = path is not None
+        library = compile_source("lgmpc_penalties", source)
+        self.available = library is not None
         self.mu: Array = np.zeros((s.nodes, s.ng))
         self.point: Array = np.zeros((s.nodes, s.ng))
         self._numbers, self._measures = np.array([least, 0.0]), np.zeros(3)
         r = riccati
-        parts = (
+        self._frame = frame_of(
             np.array([s.nodes, s.ng, s.size], dtype=np.int64), self._numbers, qp.vector("lower"), qp.vector("upper"),
             known, self.mu, self.point, r.weights, r.targets, r.rows, r.multipliers, self._measures,
         )  # fmt: skip
-        self._memory = parts  # the frame contains addresses only
-        self._frame = (ctypes.c_void_p * len(parts))(*(part.ctypes.data for part in parts))
-        if path is not None:
-            library = ctypes.CDLL(str(path))
+        if library is not None:
             self._resume, self._penalise = library.lgmpc_resume, library.lgmpc_penalise
             self._measure = library.lgmpc_measure
 

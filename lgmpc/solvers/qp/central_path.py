@@ -13,12 +13,11 @@ implementation of a primal-dual interior point method", SIAM J. Optim. 2, 1992.
 
 from __future__ import annotations
 
-import ctypes
 from importlib.resources import files
 
 import numpy as np
 
-from lgmpc.compile import compile_source
+from lgmpc.compile import compile_source, frame_of
 from lgmpc.typing import Array
 
 __all__ = ["CentralPath", "nearest_in"]
@@ -68,19 +67,17 @@ class CentralPath:
         known: Array,
     ) -> None:
         source = files("lgmpc.solvers.qp").joinpath("central_path.c").read_text(encoding="utf-8")
-        path = compile_source("lgmpc_central_path", source)
-        self.available = path is not None
+        library = compile_source("lgmpc_central_path", source)
+        self.available = library is not None
         self.settled = False
         self.point, self.multipliers, held = (np.zeros(rows.shape) for _ in range(3))
         self._numbers, self._measures = np.zeros(2), np.zeros(3)
         plan = np.array([*rows.shape, lower.strides[0] // lower.itemsize], dtype=np.int64)
-        self._memory = (
+        self._frame = frame_of(
             plan, self._numbers, lower, upper, known, rows, weights, targets, held, np.zeros((*rows.shape, 2, 9)),
             np.zeros(1, dtype=np.int64), self.point, self.multipliers, self._measures,
         )  # fmt: skip
-        self._frame = (ctypes.c_void_p * len(self._memory))(*(part.ctypes.data for part in self._memory))
-        if path is not None:
-            library = ctypes.CDLL(str(path))
+        if library is not None:
             self._begin, self._start = library.lgmpc_path_begin, library.lgmpc_path_start
             self._predict, self._correct = library.lgmpc_path_predict, library.lgmpc_path_correct
             self._step, self._identify = library.lgmpc_path_step, library.lgmpc_path_identify

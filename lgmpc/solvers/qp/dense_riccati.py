@@ -7,13 +7,12 @@ the cost.
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from lgmpc.compile import aligned_zeros
+from lgmpc.compile import aligned_zeros, frame_of
 from lgmpc.ocp import OcpQp, OcpQpStructure
 from lgmpc.solvers.qp.protocol import RiccatiSolver
 from lgmpc.solvers.sweep import compile_stages, work_size
@@ -59,7 +58,7 @@ class DenseRiccati(RiccatiSolver):
             aligned_zeros(measure("work", ng)), self.weights, self._last,
         )  # fmt: skip
         point = (self.dxs, self.dus, self.costates, self.rows)
-        self._frame = _frame(
+        self._frame = frame_of(
             *own, self._last_gradient, self._gradient, self._gaps, self.dx0, self.targets, *point, self._cost,
             self.multipliers, self._residual,
         )  # fmt: skip
@@ -67,10 +66,9 @@ class DenseRiccati(RiccatiSolver):
         self._correction = tuple(np.zeros_like(array) for array in point)
         zeros = np.zeros(max(nx, n * nx, n * ng))
         unused = np.zeros(1)
-        self._correcting = _frame(
+        self._correcting = frame_of(
             *own, zeros, self._residual, zeros, zeros, zeros, *self._correction, unused, unused, unused
         )
-        self._memory = (own, zeros, unused)  # the frames contain addresses only
 
     def load(self) -> None:
         """Take over the problem's matrices and vectors."""
@@ -129,12 +127,6 @@ class DenseRiccati(RiccatiSolver):
     def _run(self, mode: int) -> int:
         self._plan[-1] = mode
         return self._call(self._frame)
-
-
-def _frame(*arrays: Array | IntArray) -> Any:
-    """Return the addresses of arrays, as the C code reads them."""
-    addresses = [array.ctypes.data for array in arrays]
-    return (ctypes.c_void_p * len(addresses))(*addresses)
 
 
 def _places(s: OcpQpStructure, tall: int, high: int) -> IntArray:

@@ -168,6 +168,7 @@ class Fddp(IterativeSolver):
         return None if self._finite else Status.NOT_FINITE
 
     def _iterate(self) -> Status | None:
+        """Take one step: direction, test of convergence, line search, regularisation."""
         status = self._compute_direction()
         if status is not None:
             return status

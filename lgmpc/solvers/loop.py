@@ -23,7 +23,6 @@ __all__ = [
     "History",
     "Iterate",
     "IterativeSolver",
-    "PrintProgress",
     "Progress",
     "Solver",
     "SolverSettings",
@@ -139,27 +138,6 @@ class History:
         if not isinstance(name, str) or name not in known:
             raise InputError("name", str(name), "a quantity of Progress", known)
         return np.array([getattr(report, name) for report in self.reports], dtype=np.float64)
-
-
-class PrintProgress:
-    """A callback that prints a line an iteration, with a heading every 20.
-
-    Args:
-        write: prints a line.
-    """
-
-    def __init__(self, write: Callable[[str], object] = print) -> None:
-        self._write = write
-
-    def __call__(self, progress: Progress) -> None:
-        """Print the line."""
-        if progress.iteration % 20 == 1:
-            self._write(" iter           cost  criterion        gap     step  regularis.   ms")
-        self._write(
-            f"{progress.iteration:5d} {progress.cost:14.7g} {progress.criterion:10.2e} {progress.gap:10.2e} "
-            f"{progress.step_length if progress.accepted else 0.0:8.4f}  {progress.regularization:10.1e} "
-            f"{1e3 * progress.elapsed:6.1f}"
-        )
 
 
 def settings_of(problem: object, settings: K | None, kind: type[K]) -> K:

@@ -3,17 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
-import secrets
-import zipfile
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from lgmpc.actions import Action, Cost
 from lgmpc.errors import InputError
@@ -25,9 +18,7 @@ from lgmpc.typing import Array, instance, numbers
 
 __all__ = ["Solution", "Timings"]
 
-_SCHEMA = "lgmpc solution 1"
 _DERIVATIVES = ("A", "B", "C", "D", "q", "r")
-_ARRAYS = ("xs", "us", "feedback", "feedforward", "costates", "multipliers", "gaps")
 
 
 @dataclass(frozen=True)
@@ -105,55 +96,6 @@ class Solution:
         """The scale of the stationarity residual: 1 + the largest multiplier or costate (as in SNOPT)."""
         largest = (float(np.abs(array).max(initial=0.0)) for array in (self.costates, self.multipliers))
         return 1.0 + max(largest)
-
-    def save(self, path: str | Path) -> Path:
-        """Write the solution and the problem's data to a file (npz, without pickle) and return its path.
-
-        The actions are code: :meth:`load` requires the problem.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        numbers = {
-            "cost": self.cost,
-            "criterion": self.criterion,
-            "iterations": self.iterations,
-            "qp_iterations": self.qp_iterations,
-        }
-        kkt, timings = ([getattr(part, f.name) for f in fields(part)] for part in (self.kkt, self.timings))
-        data = {"x0": self.problem.x0, "parameters": self.problem.parameters}
-        named = {"status": self.status.name, "actions": _action_names(self.problem)}
-        return _write(path, {**arrays, **numbers, "kkt": kkt, "timings": timings, **data, **named})
-
-    @classmethod
-    def load(cls, path: str | Path, problem: ShootingProblem) -> Solution:
-        """Return the solution of a file of :meth:`save`.
-
-        Args:
-            path: of the file.
-            problem: with the same actions; its data are not read, those of the file are the solution's.
-
-        Raises:
-            InputError: the file cannot be read, contains something else, or is of another problem.
-        """
-        more = ("cost", "criterion", "iterations", "kkt", "timings", "x0", "parameters", "status", "actions")
-        found = _read(path, (*_ARRAYS, *more))
-        instance("problem", problem, ShootingProblem, "the ShootingProblem that was solved")
-        mine = problem.copy()
-        names = _action_names(mine)
-        if found["actions"].tolist() != names or found["parameters"].shape != mine.parameters.shape:
-            got = f"'{path}' of a problem with actions {sorted(set(found['actions'].tolist()))}"
-            raise InputError("problem", got, f"one with actions {sorted(set(names))}, as the given problem")
-        if str(found["status"]) not in Status.__members__:
-            raise InputError("path", f"'{path}' with status {found['status']}", "a status of this version of lgmpc")
-        mine.x0[...], mine.parameters[...] = found["x0"], found["parameters"]
-        return cls(
-            problem=mine, status=Status[str(found["status"])], iterations=int(found["iterations"]),
-            cost=float(found["cost"]), kkt=KktResidual(*found["kkt"].tolist()),
-            timings=Timings(*found["timings"].tolist()), criterion=float(found["criterion"]),
-            qp_iterations=int(found.get("qp_iterations", 0)), **{name: found[name] for name in _ARRAYS},
-        )  # fmt: skip
 
     def control(self, node: int, x: Array) -> Array:
         """Return the control (nu,) at a node for a state x (nx,) near the node's: with feedback, if there is any."""
@@ -350,44 +292,6 @@ class Solution:
         if not np.isfinite(self._costs()[-1]):
             return f"The cost of the last node ('{problem.terminal.name}') contains NaN or infinity."
         return None
-
-
-def _write(path: str | Path, arrays: Mapping[str, Any]) -> Path:
-    """Write a file of arrays, complete or not at all, and return its path."""
-    instance("path", path, (str, os.PathLike), "a path")
-    path = Path(path)
-    partial = path.parent / f".{path.name}-{secrets.token_hex(4)}"
-    try:
-        try:
-            with open(partial, "xb") as file:
-                np.savez(file, schema=np.array(_SCHEMA), **arrays)
-            os.replace(partial, path)
-        except BaseException:
-            partial.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise InputError("path", f"'{path}', which cannot be written ({error})", "a file that can be") from error
-    return path
-
-
-def _read(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file that :func:`_write` has written."""
-    instance("path", path, (str, os.PathLike), "a path")
-    expected = f"a file with '{_SCHEMA}'"
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            found = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError("path", f"'{path}', which cannot be read ({error})", expected) from error
-    kind, missing = str(found.get("schema", "nothing that names its content")), [n for n in names if n not in found]
-    if kind != _SCHEMA or missing:
-        got = f"'{path}' with '{kind}'" if kind != _SCHEMA else f"'{path}' without {', '.join(missing)}"
-        raise InputError("path", got, expected)
-    return found
-
-
-def _action_names(problem: ShootingProblem) -> list[str]:
-    return [action.name for action in (*problem.actions, problem.terminal)]
 
 
 def _row_name(action: Action, row: int, rows: int) -> str:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -30,7 +28,6 @@ from lgmpc.state import StateVector
 # ruff: noqa: F405
 
 pytestmark = pytest.mark.usefixtures("interpreted")
-FILES = Path(mkdtemp())
 MODEL, HUMANOID = pin.buildSampleModelManipulator(), pin.buildSampleModelHumanoid()
 FRAMES = [frame.name for frame in HUMANOID.frames if frame.type == pin.FrameType.BODY][-2:]
 DYNAMICS, STANDING = FreeForwardDynamics(MODEL), ContactForwardDynamics(HUMANOID, [Contact(FRAMES[0], 6), FRAMES[1]])
@@ -70,14 +67,6 @@ class Falling(PythonAction):
 
     def step(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         return x + 0.1 * np.array([x[1], u[0]])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def saved() -> Iterator[None]:
-    FILES.mkdir(exist_ok=True)
-    Fddp(reach()).solve(max_iterations=1).save(FILES / "solution.npz")
-    yield
-    shutil.rmtree(FILES)
 
 
 def solution() -> Any:
@@ -200,12 +189,10 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "rt.set_guess": (lambda **k: real_time().set_guess(**k), dict(trajectory=still())),
     "rt.shift": (lambda **k: real_time().shift(**k), dict(fraction=0.5)),
     "Solution.control": (lambda **k: solution().control(**k), dict(node=0, x=np.zeros(12))),
-    "Solution.save": (lambda **k: solution().save(**k), dict(path=str(FILES / "solution.npz"))),
-    "Solution.load": (Solution.load, dict(path=str(FILES / "solution.npz"), problem=reach())),
     "History.column": (lambda **k: History().column(**k), dict(name="cost")),
     "History": (
         lambda a: Fddp(reach()).solve(callback=History(a), max_iterations=1),
-        dict(a=PrintProgress(lambda s: None)),
+        dict(a=History()),
     ),
     "make_qp_solver": (make_qp_solver, dict(solver="piqp", qp=subproblem())),
     "FddpSettings": (FddpSettings, dict(tolerance=1e-6, max_iterations=3, stationarity=1e-5)),

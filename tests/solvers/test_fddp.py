@@ -23,7 +23,6 @@ from lgmpc.solvers import (
     FddpSettings,
     LineSearchSqp,
     NlpSolver,
-    PrintProgress,
     Progress,
     Solution,
     Status,
@@ -347,9 +346,6 @@ def test_progress_is_reported_and_can_stop(unicycle: ShootingProblem) -> None:
     assert reports[-1].cost == pytest.approx(solution.cost, rel=1e-14)
     stopped = solver.solve(callback=lambda progress: progress.iteration == 2)
     assert stopped.status is Status.STOPPED and stopped.iterations == 2
-    lines: list[str] = []
-    solver.solve(callback=PrintProgress(lines.append))
-    assert len(lines) == solution.iterations + 1
 
 
 def test_limits_are_honoured(unicycle: ShootingProblem) -> None:

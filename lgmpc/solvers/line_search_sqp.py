@@ -33,7 +33,6 @@ from pydantic import Field
 
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory, kkt_residual
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
-from lgmpc.solvers.curvature import is_minimum
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.qp import ActiveSetSolver, DenseRiccati, QpSolver, make_qp_solver
 from lgmpc.solvers.solution import Solution, Timings
@@ -291,7 +290,7 @@ class LineSearchSqp(IterativeSolver):
             Timings(time.perf_counter() - start, expansion, backward, forward), kkt.largest,
         )  # fmt: skip
         # Gains exist where the model is convex along the active rows.
-        minimum = not status.solved or len(feedback) > 0 or is_minimum(solution)
+        minimum = not status.solved or len(feedback) > 0 or solution.is_minimum()
         return solution if minimum else replace(solution, status=Status.SADDLE)
 
     def _subproblem(self) -> tuple[Status, float]:

@@ -19,7 +19,6 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
 from lgmpc.settings import Positive
 from lgmpc.settings import problem as problem_with
-from lgmpc.solvers.curvature import is_minimum
 from lgmpc.solvers.loop import Callback, Progress, Solver, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status
@@ -137,7 +136,7 @@ class NlpSolver(Solver):
             multipliers = np.full_like(multipliers[0], np.nan), np.full_like(multipliers[1], np.nan)
         count, cost = int(stats["iter_count"]), float(found["f"])
         solution = self._measured(trajectory, multipliers, status, count, cost, start)
-        return replace(solution, status=Status.SADDLE) if status.solved and not is_minimum(solution) else solution
+        return replace(solution, status=Status.SADDLE) if status.solved and not solution.is_minimum() else solution
 
     def _measured(
         self,

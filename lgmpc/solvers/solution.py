@@ -13,12 +13,16 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity
 from lgmpc.ocp.numdiff import MEANINGS
+from lgmpc.solvers.sweep import BackwardSweep, Expansion
 from lgmpc.status import Status
 from lgmpc.typing import Array, instance, numbers
 
 __all__ = ["Solution", "Timings"]
 
 _DERIVATIVES = ("A", "B", "C", "D", "q", "r")
+_ACTIVE = 1e-9  # multiplier of a row that is at its bound
+_FLAT = 1e-9  # curvature that counts as none, relative to the largest
+_HELD = 1e6  # penalty of active rows, relative to the largest curvature
 
 
 @dataclass(frozen=True)
@@ -159,6 +163,30 @@ class Solution:
             mu = self.multipliers[k, : point.constraint.size]
             worst[k] = complementarity(mu, point.constraint, point.lower, point.upper).max(initial=0.0)
         return worst
+
+    def is_minimum(self) -> bool:
+        """Return whether the Gauss-Newton model at this stationary point has no negative curvature.
+
+        Along the dynamics, and along the rows with multipliers, it can only have where a stage's Hessian is indefinite,
+        as with a negative weight.
+        """
+        problem, (n, nu), ndx = self.problem, self.us.shape, self.problem.state.ndx
+        jacobian, hessian = np.zeros((n, ndx + nu, ndx)), np.tile(np.eye(ndx + nu), (n, 1, 1))
+        last, held = self.last_hessian(), np.zeros_like(hessian)
+        for k, action in enumerate(problem.actions):
+            m, own = self.derivatives(k), ndx + action.nu
+            jacobian[k, :own] = np.hstack([m["A"], m["B"]]).T
+            hessian[k, :own, :own] = np.block([[m["Q"], m["S"].T], [m["S"], m["R"]]])
+            rows = np.hstack([m["C"], m["D"]])
+            active = (np.abs(self.multipliers[k, : len(rows)]) > _ACTIVE) | (m["lower"] == m["upper"])[:, 0]
+            rows = rows[active] / np.maximum(np.linalg.norm(rows[active], axis=1, keepdims=True), _ACTIVE)
+            held[k, :own, :own] = rows.T @ rows
+        scale = 1.0 + max(float(np.abs(hessian).max()), float(np.abs(last).max(initial=0.0)))
+        stages = min(float(np.linalg.eigvalsh(hessian).min()), float(np.linalg.eigvalsh(last).min(initial=0.0)))
+        if not stages < -_FLAT * scale:
+            return True
+        model = Expansion.of_curvature(jacobian, hessian + _HELD * scale * held, last)
+        return BackwardSweep(model).run(_FLAT * scale, closed=True)
 
     def residual(self) -> KktResidual:
         """Recompute the residual of the optimality conditions, independently of the solver and of compiled code."""

@@ -93,7 +93,7 @@ def choose_panels(run: Run, pushes: tuple[PushInterval, ...]) -> tuple[Panel, Pa
     first, last = np.searchsorted(log.time, (push.start, max(push.end, until - 0.05))).tolist()
     pushed = push.start + 0.6 * (push.end - push.start)
     force = f"{np.linalg.norm(push.impulse) / (push.end - push.start):.3g} N for {push.end - push.start:.2g} s"
-    if log.command is not None and log.command[first].any():
+    if log.command[first].any():
         changes = np.flatnonzero((log.command[first:last] != log.command[first]).any(axis=1))
         last = first + int(changes[0]) - 1 if len(changes) else last
         speed = np.hypot(*log.command[first, :2])
@@ -112,7 +112,6 @@ def _standing_panels(log: RunLog, first: int, last: int) -> tuple[Panel, Panel]:
 
 
 def _walking_panels(log: RunLog, first: int, last: int) -> tuple[Panel, Panel]:
-    assert log.command is not None and log.gait_period_s is not None
     off = (body_velocity(log) - log.command)[first : last + 1, :2]
     fastest = int(np.argmax(np.linalg.norm(off, axis=1)))
     stride = round(log.gait_period_s[last] / np.median(np.diff(log.time)))

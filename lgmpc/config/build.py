@@ -182,7 +182,6 @@ def build_recorder(
     optional = {
         "estimate": estimated,
         "fault": not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
-        "step": True,
         "friction": config.joint_friction is not None,
         "forecast": config.locomotion.reaction.enabled,
     }

@@ -77,16 +77,6 @@ D = TypeVar("D", bound=Document)
 S = TypeVar("S", bound=Settings)
 
 _MARK = "problem"
-_WRITTEN = "# Every value of this run, written by lgmpc "
-_FORMER_KEYS = {
-    "locomotion.contacts.force_share": "",
-    "locomotion.contacts.patience_s": "touchdown_tolerance_s",
-    "locomotion.reference.leash_m": "max_reference_lead_m",
-    "locomotion.reference.yaw_leash_rad": "max_yaw_lead_rad",
-    "mpc.max_sweeps": "",
-    "wbc.weights.carried_joints": "upper_body_joints",
-}
-"""Keys in run folders of older versions, with the last part of their present names; "": they had no effect."""
 """The key that distinguishes the config of a problem to solve from that of a closed loop."""
 
 
@@ -165,21 +155,8 @@ def dump_config(config: Config | SolveConfig) -> str:
     """Return the whole config, defaults included, as YAML from which an equal config is read."""
     command = "solve" if isinstance(config, SolveConfig) else "run"
     file = os.fsencode(config.source.file).decode("utf-8", "replace")  # a path may contain bytes that are not text
-    head = f"{_WRITTEN}{__version__} from {file}.\n# `lgmpc {command}` on this file repeats it.\n"
-    return head + write_yaml(config.model_dump(mode="json"))
-
-
-def _rename_former_keys(data: dict[str, Any]) -> None:
-    """Give the keys of a config from an older run folder their present names; leave out those without effect."""
-    for former, name in _FORMER_KEYS.items():
-        *sections, key = former.split(".")
-        section: Any = data
-        for each in sections:
-            section = section.get(each) if isinstance(section, dict) else None
-        if isinstance(section, dict) and key in section:
-            value = section.pop(key)
-            if name:
-                section.setdefault(name, value)
+    head = f"# Every value of this run, written by lgmpc {__version__} from {file}.\n"
+    return f"{head}# `lgmpc {command}` on this file repeats it.\n{write_yaml(config.model_dump(mode='json'))}"
 
 
 def _file(path: str | Path) -> _Text:
@@ -195,8 +172,6 @@ def _parse(text: str, name: str, folder: Path | None, overrides: Sequence[str]) 
         raise ConfigError(name, "", "an empty file", "a config with at least the keys name and robot")
     if not isinstance(data, dict):
         raise ConfigError(name, "", show_value(data), "a table of keys (name: ..., robot: ...)")
-    if text.startswith(_WRITTEN):
-        _rename_former_keys(data)
     changed = apply_overrides(data, overrides)
     for key in changed:
         for stale in [place for place in places if place.startswith(f"{key}.")]:

@@ -349,7 +349,7 @@ class Page:
 
     def _write_status(self, log: RunLog, extras: Array, back: float) -> None:
         ahead, left = np.round(_velocity(log)[-1], 2)
-        mode = MODES[log.mode[-1]] if log.mode is not None else ""
+        mode = MODES[log.mode[-1]]
         gait = self._gaits[int(extras[2])] if extras[2] >= 0 else ""
         pace = "paused" if extras[1] else f"{extras[0]:.2f} x real time"
         pushed = float(np.linalg.norm(log.push[-1, :3]))
@@ -362,7 +362,7 @@ class Page:
     def _plot(self, log: RunLog) -> None:
         time = log.time
         velocity = _velocity(log)
-        wanted = log.command[:, 0] if log.command is not None else np.zeros(len(time))
+        wanted = log.command[:, 0]
         effort = np.abs(log.tau / log.effort_limit).max(axis=1)
         values: Sequence[tuple[Array, ...]] = (
             (velocity[:, 0], velocity[:, 1], wanted), (log.tilt_deg,), (effort,)

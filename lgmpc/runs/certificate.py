@@ -143,9 +143,7 @@ def _balanced(log: RunLog, balances: Balances) -> Iterator[tuple[Limited, Array]
     """Yield the residuals of momentum and energy: their changes over windows against impulses and works."""
     inside = balances.ticks < log.ticks
     edges = balances.ticks[inside]
-    low = np.zeros(log.ticks, dtype=bool)
-    if log.mode is not None:
-        low = np.isin(log.mode, [MODES.index(mode) for mode in _LYING])
+    low = np.isin(log.mode, [MODES.index(mode) for mode in _LYING])
     count = np.concatenate(([0], np.cumsum(low)))
     used = count[edges[1:] + 1] == count[edges[:-1]]
     if not used.any():

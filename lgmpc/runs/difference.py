@@ -51,7 +51,7 @@ def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) 
         until_s: end of the comparison, s.
     """
     found = []
-    for table, times in (("tick", "time"), ("estimate", "time"), ("step", "time"), ("update", "mpc_time")):
+    for table, times in (("tick", "time"), ("estimate", "time"), ("update", "mpc_time")):
         a, b = (int(np.searchsorted(getattr(log, times), until_s - 1e-9)) for log in (first, second))
         time: Array = getattr(first if a >= b else second, times)
         for name in channels_of(RunLog, table):

@@ -196,8 +196,6 @@ def _pushes(log: RunLog) -> Iterator[Event]:
 
 def _commands(log: RunLog) -> Iterator[Event]:
     """Yield the ends of the ramps of the motion command, with the command reached."""
-    if log.command is None:
-        return
     moving = np.zeros(log.ticks, dtype=bool)
     moving[1:] = np.any(np.diff(log.command, axis=0) != 0.0, axis=1)
     for span in _episodes(log.time, moving):
@@ -211,10 +209,8 @@ def _contacts(log: RunLog) -> Iterator[Event]:
     feet = log.contact_frames.tolist()
     if not feet:
         return
-    relied = np.ones(log.contact_forces.shape[:2], dtype=bool) if log.stance is None else log.stance != 0
-    if log.mode is not None:
-        relied &= np.isin(log.mode, [MODES.index(mode) for mode in ("stand", "locomote", "recover")])[:, None]
-    missing = relied & ~log.closed
+    on_feet = np.isin(log.mode, [MODES.index(mode) for mode in ("stand", "locomote", "recover")])
+    missing = (log.stance != 0) & on_feet[:, None] & ~log.closed
     for foot in range(len(feet)):
         for a, b in intervals(missing[:, foot]):
             if log.time[b - 1] - log.time[a] < _OPEN_S:
@@ -276,8 +272,6 @@ def _sensors(log: RunLog) -> Iterator[Event]:
 
 
 def _modes(log: RunLog) -> Iterator[Event]:
-    if log.mode is None:
-        return
     for tick in (np.flatnonzero(np.diff(log.mode)) + 1).tolist():
         words = f"mode {MODES[log.mode[tick - 1]]} became {MODES[log.mode[tick]]}"
         yield _event(log, (tick, tick + 1), EventKind.MODE, "mode", words)

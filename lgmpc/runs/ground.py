@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lgmpc.typing import Array
 from lgmpc.world import World
@@ -18,7 +16,6 @@ __all__ = [
     "ground_below",
     "ground_channels",
     "leg_length",
-    "level_ground",
 ]
 
 _TOUCHING = 2e-3
@@ -165,19 +162,6 @@ def _pressing_normal(normals: Array, friction: Array, force: Array) -> Array | N
 def foot_centres(points: Array, normals: Array, radius: float) -> Array:
     """Return (n, nc, 3) centres of spherical feet from their contact points and the normals there, m."""
     return points + radius * normals
-
-
-def level_ground(points: NDArray[Any] | None) -> dict[str, Array]:
-    """Return these channels of a log from contact points (n, nc, 3) on a level floor at z = 0; none if misshapen."""
-    if points is None or points.ndim != 3 or points.shape[2] != 3:
-        return {}
-    up = np.array([0.0, 0.0, 1.0])
-    return {
-        "contact_normals": np.tile(up, (*points.shape[:2], 1)),
-        "contact_clearance": np.array(points[:, :, 2]),
-        "ground_height": np.zeros(len(points)),
-        "ground_normal": np.tile(up, (len(points), 1)),
-    }
 
 
 def along_ground(vectors: Array, normals: Array) -> Array:

@@ -326,14 +326,10 @@ def capture_margin(log: RunLog) -> Array:
     The support is the convex hull of the feet that touch the ground and of the footholds of those that swing. NaN in
     flight, where the mass was not recorded, and while the robot lies, rises or lies down: its body may carry it.
     """
-    points, used = log.contact_points[:, :, :2], log.closed
-    if log.stance is not None and log.footholds is not None:
-        swinging = log.stance == 0
-        points = np.where(swinging[:, :, None], log.footholds[:, :, :2], points)
-        used = used | swinging
-    margin = support_margin(points, used, capture_point(log))
-    if log.mode is not None:
-        margin[np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])] = np.nan
+    swinging = log.stance == 0
+    points = np.where(swinging[:, :, None], log.footholds[:, :, :2], log.contact_points[:, :, :2])
+    margin = support_margin(points, log.closed | swinging, capture_point(log))
+    margin[np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])] = np.nan
     return margin
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lgmpc.errors import RunFolderError
 from lgmpc.lie import quaternion
 from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of, described
-from lgmpc.runs.ground import along_ground, foot_centres, level_ground
+from lgmpc.runs.ground import along_ground, foot_centres
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = [
@@ -47,13 +47,11 @@ CONTACT_FORCE_N = 0.1
 
 
 _tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
-OPTIONAL = ("step", "estimate", "fault", "friction", "forecast", "limit", "surface")
-"""Tables of runs with steps, with an estimator, with monitored sensors, with estimated joint friction, with forecasts
+OPTIONAL = ("estimate", "fault", "friction", "forecast", "limit", "surface")
+"""Tables of runs with an estimator, with monitored sensors, with estimated joint friction, with forecasts
 of steps against pushes, of continued runs whose floor or torque limits changed, of ground with several coefficients of
 friction."""
-_step, _estimate, _fault, _friction, _forecast, _limit, _surface = (
-    partial(channel, name, optional=True) for name in OPTIONAL
-)
+_estimate, _fault, _friction, _forecast, _limit, _surface = (partial(channel, name, optional=True) for name in OPTIONAL)
 _entry = partial(channel, "entry")
 
 
@@ -117,20 +115,20 @@ class RunLog(ArrayFile):
         dtype=np.int8,
     )
     estimate_ms: Array | None = _estimate("duration of the estimator's tick", unit="ms")
-    command: Array | None = _step(
+    command: Array = _tick(
         "limited motion command [velocity ahead, to the left; yaw rate], in axes that turn with the base",
         3,
         unit="m/s m/s rad/s",
         frame="horizontal",
     )
-    mode: StatusArray | None = _step("mode of the controller, as index into MODES", dtype=np.int8)
-    gait_period_s: Array | None = _step("duration of one cycle of the gait that the schedule follows", unit="s")
-    stance: StatusArray | None = _step("1 = the controller assumes that the foot is in contact", "nc", dtype=np.int8)
-    contact_states: StatusArray | None = _step("state of each foot, as index into CONTACT_STATES", "nc", dtype=np.int8)
-    swing_targets: Array | None = _step(
+    mode: StatusArray = _tick("mode of the controller, as index into MODES", dtype=np.int8)
+    gait_period_s: Array = _tick("duration of one cycle of the gait that the schedule follows", unit="s")
+    stance: StatusArray = _tick("1 = the controller assumes that the foot is in contact", "nc", dtype=np.int8)
+    contact_states: StatusArray = _tick("state of each foot, as index into CONTACT_STATES", "nc", dtype=np.int8)
+    swing_targets: Array = _tick(
         "reference of a foot in the air, contact point of one in stance", "nc", 3, unit="m", frame="world"
     )
-    footholds: Array | None = _step("current or next foothold of each foot", "nc", 3, unit="m", frame="world")
+    footholds: Array = _tick("current or next foothold of each foot", "nc", 3, unit="m", frame="world")
     joint_friction: Array | None = _friction("estimated friction that the torques overcome", "nu", unit="N.m")
     sensor_faults: NDArray[np.uint8] | None = _fault(
         "quantities whose readings could not be true and were replaced: bits of SENSOR_FAULTS", dtype=np.uint8
@@ -152,18 +150,12 @@ class RunLog(ArrayFile):
     mpc_period_s: float
     floating_base: bool = True
     mass_kg: float = math.nan
-    upright_axis: Array | None = _entry(
-        "axis of the base that is vertical in the robot's posture; None in older logs, whose first reference has it",
-        3,
-        frame="base",
-        optional=True,
-    )
+    upright_axis: Array = _entry("axis of the base that is vertical in the robot's posture", 3, frame="base")
 
     def __post_init__(self) -> None:
         sizes: dict[str, int] = {}
         for name, each in channels_of(RunLog, "entry").items():
-            if getattr(self, name) is not None:
-                each.check(name, getattr(self, name), sizes)
+            each.check(name, getattr(self, name), sizes)
         for table in (*self._tick_tables(), MPC_CHANNELS):
             missing = [name for name in table if getattr(self, name) is None]
             if missing:
@@ -205,12 +197,12 @@ class RunLog(ArrayFile):
     @property
     def commanded(self) -> bool:
         """Whether the robot was commanded to move at some time."""
-        return self.command is not None and bool(self.command.any())
+        return bool(self.command.any())
 
     @property
     def stepped(self) -> bool:
         """Whether a foot swung at some time."""
-        return self.stance is not None and not bool(self.stance.all())
+        return not bool(self.stance.all())
 
     def _tick_tables(self) -> list[Mapping[str, Channel]]:
         """Return the tables of channels per tick that this log has."""
@@ -269,10 +261,7 @@ class RunLog(ArrayFile):
     @cached_property
     def tilt_deg(self) -> Array:
         """(n,) angle between the base's upright axis and the normal of the ground below it, in [0, 180], degrees."""
-        if self.upright_axis is not None:
-            return tilt_deg(self.base_pose[:, 3:], self.upright_axis, self.ground_normal)
-        upright = quaternion.act.unchecked(quaternion.inverse.unchecked(self.base_reference[0, 3:]), _UP)
-        return tilt_deg(self.base_pose[:, 3:], upright, self.ground_normal)
+        return tilt_deg(self.base_pose[:, 3:], self.upright_axis, self.ground_normal)
 
     @cached_property
     def base_height(self) -> Array:
@@ -340,13 +329,6 @@ class RunLog(ArrayFile):
         kept: dict[str, Any] = {name: getattr(self, name)[ticks].copy() for name in names}
         kept |= {name: getattr(self, name)[updates].copy() for name in MPC_CHANNELS}
         return replace(self, **kept)
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RunLog:
-        """Return the log of the arrays of ``log.npz``; errors as in the base class."""
-        if not arrays.keys() & {*GROUND_CHANNELS, "contact_normals"}:  # from before there was other than level ground
-            arrays = {**level_ground(arrays.get("contact_points")), **arrays}
-        return super().from_arrays(arrays)
 
 
 CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (channels_of(RunLog, table) for table in ("tick", "ground", "update"))

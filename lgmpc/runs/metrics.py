@@ -54,9 +54,8 @@ class EstimatorErrors:
     rms_velocity_m_s: float = metric("RMS norm of the error of the base's linear velocity, base axes, m/s.")
     max_velocity_m_s: float = metric("Largest norm of this error, m/s.")
     wrong_contact_fraction: float = metric("Fraction of feet and ticks whose contact was classified wrongly.")
-    rejected_measurements: int | None = metric(
-        "Number of rejected measurements; of feet in contact that slid, or had just touched down; None in older runs.",
-        default=None,
+    rejected_measurements: int = metric(
+        "Number of rejected measurements; of feet in contact that slid, or had just touched down."
     )
 
 
@@ -139,7 +138,7 @@ class Metrics:
     """The metrics of a run; ``None`` where there was nothing to measure."""
 
     survived_s: Number = metric(
-        "Time until the base fell, s; below half its first or its target height, tilted beyond 45 degrees, or not "
+        "Time until the base fell, s; below half its target height, tilted beyond 45 degrees, or not "
         "finite; the whole duration if it did not. A robot that lies, rises or lies down has not fallen."
     )
     fell: bool = metric("Whether it fell.")

@@ -20,7 +20,7 @@ FALL_TILT_DEG = 45.0
 """A base tilted further than this has fallen."""
 
 FALL_HEIGHT_FRACTION = 0.5
-"""A base below this fraction of its first height or, where modes were recorded, of its target has fallen."""
+"""A base below this fraction of the height of its target has fallen."""
 
 LOW_MODES = ("lie", "rise", "sit", "maneuver")
 """Modes in which the base may be low by design; a manoeuvre that fails ends in another."""
@@ -58,22 +58,18 @@ def fallen_ticks(log: RunLog) -> BoolArray:
     """Return (n,) flags of a fallen robot."""
     fallen: BoolArray = log.tilt_deg > FALL_TILT_DEG
     if log.floating_base:
-        upright = log.base_height[:1] if log.mode is None else log.above_ground(log.base_reference[:, :3])
-        fallen |= log.base_height < FALL_HEIGHT_FRACTION * upright
-    if log.mode is not None:
-        fallen &= ~np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])
+        fallen |= log.base_height < FALL_HEIGHT_FRACTION * log.above_ground(log.base_reference[:, :3])
+    fallen &= ~np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])
     return fallen
 
 
 def falls(log: RunLog, fallen: BoolArray) -> list[int]:
-    """Return the first tick of each fall; where modes were recorded, one ends when the robot folds its legs again.
+    """Return the first tick of each fall; one ends when the robot folds its legs again.
 
     Args:
         log: the log.
         fallen: (n,) flags, see :func:`fallen_ticks`.
     """
-    if log.mode is None:
-        return [int(tick) for tick in np.flatnonzero(fallen)[:1]]
     lying = log.mode == MODES.index("lie")
     found, tick = [], 0
     while fallen[tick:].any():
@@ -85,15 +81,13 @@ def falls(log: RunLog, fallen: BoolArray) -> list[int]:
     return found
 
 
-def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
-    """Return the metrics of the modes of a run; ``None`` where they were not recorded.
+def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics:
+    """Return the metrics of the modes of a run.
 
     Args:
         log: the log, at the full control rate.
         fallen: (n,) flags, see :func:`fallen_ticks`.
     """
-    if log.mode is None:
-        return None
     mode, tau = log.mode, log.tau
     damped = mode == MODES.index("damp")
     low = np.isin(mode, [MODES.index(each) for each in LOW_MODES])
@@ -110,7 +104,6 @@ def mode_metrics(log: RunLog, fallen: BoolArray) -> ModeMetrics | None:
 
 def _maneuver(log: RunLog) -> dict[str, Any]:
     """Return the metrics of manoeuvres by name; empty without one."""
-    assert log.mode is not None
     performs = log.mode == MODES.index("maneuver")
     if not performs.any():
         return {}

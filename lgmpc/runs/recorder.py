@@ -49,7 +49,7 @@ class Recorder:
         mpc_nodes: N, the horizon's number of intervals (0 = no MPC).
         mpc_updates: expected number of MPC updates.
         joint_names: (nu,) names of the actuated joints; numbered unless given.
-        optional: names of the optional tables that are recorded: estimate, fault, step, friction, forecast.
+        optional: names of the optional tables that are recorded: estimate, fault, friction, forecast.
         mass: of the simulated robot, kg; NaN if unknown.
         world: the world relative to whose ground the run is judged; a level floor unless given.
         entries: further single values of :class:`~lgmpc.runs.log.RunLog`: mpc_period_s, floating_base, upright_axis.
@@ -92,7 +92,11 @@ class Recorder:
         if len(joints) != len(effort):
             raise InputError("joint_names", f"{len(joints)} names", f"one for each of {len(effort)} torques")
         self._limits = [(0, float(friction), effort)]  # first tick, friction of the floor, torque limits
-        self._entries: dict[str, Any] = {"mpc_period_s": 0.0, "floating_base": True, "upright_axis": None} | entries
+        self._entries: dict[str, Any] = {
+            "mpc_period_s": 0.0,
+            "floating_base": True,
+            "upright_axis": np.array([0.0, 0.0, 1.0]),
+        } | entries
         self._entries |= {
             "joint_names": np.array(joints, dtype=np.str_),
             "contact_frames": np.array(list(contact_frames), dtype=np.str_),

@@ -203,7 +203,7 @@ class _Result:
             RunFolderError: if it is not JSON, of a newer schema, of the other kind, or lacks an entry.
         """
         content = _parsed(text, source)
-        kind = content.get("kind", RunResult.kind)
+        kind = content.get("kind")
         if kind != cls.kind:
             raise RunFolderError(f"{source} is of a {_words(kind)}, not of a {_words(cls.kind)}")
         content["verdict"] = {"outcome": content.get("verdict"), "reasons": content.get("reasons", ())}
@@ -238,7 +238,7 @@ class RunResult(_Result):
     Attributes (besides the common ones):
         metrics: of the run; ``None`` if it stopped before its first tick.
         seed: seed of the run's random numbers.
-        certificate: checks of physics and hardware; ``None`` in older files.
+        certificate: checks of physics and hardware; ``None`` of robots, and of too short runs.
         origin: the run that it continues; ``None`` if it began by itself.
         changes: of settings during the run.
     """
@@ -291,7 +291,7 @@ def kind_of(text: str, source: str = RESULT_FILE) -> str:
     Raises:
         RunFolderError: if it is not JSON, or of a newer schema.
     """
-    return str(_parsed(text, source).get("kind", RunResult.kind))  # version 0.1 had one kind only
+    return str(_parsed(text, source).get("kind"))
 
 
 def _parsed(text: str, source: str) -> dict[str, Any]:

@@ -144,8 +144,6 @@ class _Walk:
     def __init__(self, log: RunLog, ticks: int) -> None:
         self.commanded, self.velocity = log.commanded, body_velocity(log)[:ticks]
         self.log = log = log.until(ticks)
-        assert log.command is not None and log.gait_period_s is not None
-        assert log.stance is not None and log.contact_states is not None
         self.time, self.command, self.period, self.states = log.time, log.command, log.gait_period_s, log.contact_states
         self.dt = float(np.median(np.diff(self.time)))
         self.stance: BoolArray = log.stance != 0

@@ -48,7 +48,7 @@ def write_dataset(source: Path, folder: Path) -> tuple[int, int]:
         raise InputError("--dataset", folder, "a folder that does not exist yet")
     paths = sorted(each.parent for each in (source / "logs").glob("*/run.json")) or [source]
     loaded = (load_run(path) for path in paths)
-    runs = [run for run in loaded if isinstance(run, Run) and run.log.ticks and run.log.command is not None]
+    runs = [run for run in loaded if isinstance(run, Run) and run.log.ticks]
     if not runs:
         raise InputError("--dataset", source, "a run of a closed loop, or a sweep that keeps some (its `logs`)")
     names, tables, episodes, tasks = _names(runs[0]), [], [], list(dict.fromkeys(run.result.name for run in runs))

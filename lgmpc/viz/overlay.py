@@ -82,7 +82,7 @@ def add_overlay(
         _add_horizon(scene, log, frames, scale)
     _add_push(scene, log, frames, scale, trunk_half_sides)
     for foot in range(len(log.contact_frames)):
-        if log.stance is not None and not log.stance[:, foot].all():
+        if not log.stance[:, foot].all():
             _add_foothold(scene, log, frames, scale, ground, foot)
             _add_swing(scene, log, frames, scale, foot)
     if log.commanded:
@@ -145,7 +145,6 @@ def _add_push(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_hal
 
 def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, foot: int) -> None:
     """Add a disc at the foothold of a foot while it swings."""
-    assert log.footholds is not None and log.stance is not None
     path = f"/overlay/footholds/{log.contact_frames[foot]}"
     scene.add_mesh(path, disc(0.16 * scale.length), Material(COLORS["footholds"], 0.8, flat=True))
     place = log.footholds[frames.ticks, foot]
@@ -156,7 +155,6 @@ def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, groun
 
 def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int) -> None:
     """Add beads along the reference of the current swing, from lift-off to touchdown."""
-    assert log.swing_targets is not None and log.stance is not None
     beads = np.zeros((len(frames.ticks), _BEADS, 3))
     shown: BoolArray = np.zeros(len(frames.ticks), dtype=np.bool_)
     for begin, end in intervals(log.stance[:, foot] == 0):
@@ -174,7 +172,6 @@ def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: in
 
 def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, height: float) -> None:
     """Add an arrow above the base along the commanded velocity."""
-    assert log.command is not None
     base, (ahead, left, _) = log.base_pose[frames.ticks], log.command[frames.ticks].T
     yaw = heading(base[:, 3:])
     c, s = np.cos(yaw), np.sin(yaw)

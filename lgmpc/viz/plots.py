@@ -121,7 +121,7 @@ def _attitude(figure: Figure, log: RunLog) -> bool:
 
 def _velocity(figure: Figure, log: RunLog) -> bool:
     """Draw velocity and yaw rate: the command, the mean over each gait cycle, and the instantaneous value."""
-    if log.command is None or log.gait_period_s is None or not log.commanded:
+    if not log.commanded:
         return False
     headings = ("Velocity ahead", "m/s"), ("Velocity to the left", "m/s"), ("Yaw rate", "rad/s")
     rows = stacked(figure, (9.6, 6.4), *headings)
@@ -141,7 +141,7 @@ def _velocity(figure: Figure, log: RunLog) -> bool:
 
 def _gait(figure: Figure, log: RunLog) -> bool:
     """Draw a bar for each stance of each foot, coloured by its contact state, above the measured contact."""
-    if log.contact_states is None or log.ticks < 2 or not log.stepped:
+    if not log.stepped:
         return False
     figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
     whole, detail = figure.subplots(2, 1)
@@ -156,7 +156,7 @@ def _gait(figure: Figure, log: RunLog) -> bool:
 
 def _feet(figure: Figure, log: RunLog) -> bool:
     """Draw the height above ground of each foot's contact point and of its target, for some gait cycles."""
-    if log.swing_targets is None or log.ticks < 2 or not log.stepped:
+    if not log.stepped:
         return False
     feet = log.contact_frames.tolist()
     figure.set_size_inches(9.6, 1.0 + 1.4 * len(feet))
@@ -181,7 +181,6 @@ def _feet(figure: Figure, log: RunLog) -> bool:
 
 def _detail(log: RunLog) -> tuple[float, float]:
     """Return an interval of some gait cycles: from before the first push while stepping, or from the first swing."""
-    assert log.stance is not None and log.gait_period_s is not None
     lifted = np.flatnonzero(~log.stance.all(axis=1))
     stride = float(log.gait_period_s[lifted[0]])
     begin = float(log.time[lifted[0]])
@@ -191,14 +190,13 @@ def _detail(log: RunLog) -> tuple[float, float]:
 
 
 def draw_contact_rows(axes: Axes, log: RunLog) -> None:
-    """Draw a row for each foot: bars coloured by its contact state, if recorded, above the measured contact."""
+    """Draw a row for each foot: bars coloured by its contact state, above the measured contact."""
     feet = log.contact_frames.tolist()
     touching = log.closed
-    states = np.full(touching.shape, -1) if log.contact_states is None else log.contact_states
     for k in range(len(feet)):
         row = len(feet) - 1 - k
         for name, color in _STATE_COLORS.items():
-            flags: BoolArray = states == CONTACT_STATES.index(name)
+            flags: BoolArray = log.contact_states == CONTACT_STATES.index(name)
             label = name if k == 0 and flags.any() else None
             axes.broken_barh(_stretches(log, flags[:, k]), (row - 0.22, 0.56), facecolors=color, label=label)
         axes.broken_barh(_stretches(log, touching[:, k]), (row - 0.4, 0.12), facecolors=SOFT)

@@ -113,7 +113,7 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
     notes = {"cones": f"µ = {friction_words(log)}", "com": "orange: target"}
     notes["command"] = f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s"
     names = dict(enumerate(MODES))
-    modes = [] if log.mode is None else [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
+    modes = [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
     return {
         "fog": [FLOOR_COLOR, *fog],
         "camera": frame_camera(lowest, highest, travel, impulses, ground),

@@ -257,7 +257,7 @@ def friction_words(log: RunLog) -> str:
 
 def label_modes(log: RunLog, axes: Axes) -> None:
     """Draw a band of the modes along the lower edge, unless the robot only stood."""
-    if log.mode is None or log.ticks < 2 or bool((log.mode == MODES.index("stand")).all()):
+    if bool((log.mode == MODES.index("stand")).all()):
         return
     edges = np.concatenate(([0], np.flatnonzero(np.diff(log.mode)) + 1, [log.ticks])).tolist()
     times = np.append(log.time, log.time[-1] + np.median(np.diff(log.time)))

@@ -266,17 +266,3 @@ def test_any_valid_config_reads_back_equal(
     again = parse_config(dump_config(config))
     assert again == config
     assert math.copysign(1.0, again.pushes[0].impulse_ns[0]) == math.copysign(1.0, impulse[0])
-
-
-def test_the_configs_of_older_run_folders_have_former_keys() -> None:
-    text = dump_config(load_config("solo12_balance"))
-    older = text.replace("max_reference_lead_m: null", "leash_m: 0.05").replace(
-        "upper_body_joints:", "carried_joints:", 1
-    )
-    older = older.replace("touchdown_tolerance_s:", "force_share: 0.004\n    patience_s:")
-    assert older.count("leash_m: 0.05") == older.count("patience_s") == older.count("carried_joints") == 1
-    config = parse_config(older)
-    assert config.locomotion.reference.max_reference_lead_m == 0.05
-    assert config.wbc == load_config("solo12_balance").wbc
-    with pytest.raises(ConfigErrors, match=r"leash_m"):  # in a config of one's own they are errors
-        parse_config(older.split("\n", 1)[1])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lgmpc.runs import Recorder, RunLog
+from lgmpc.runs.log import MODES
 
 FRAMES = ("FL", "FR", "HL", "HR")
 FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
@@ -61,6 +62,13 @@ def record_standing(
                 "push_point": np.zeros(3),
                 "wbc_status": 0,
                 "wbc_ms": 0.1,
+                "command": np.zeros(3),
+                "mode": MODES.index("stand"),
+                "gait_period_s": 0.24,
+                "stance": np.ones(4),
+                "contact_states": np.zeros(4),
+                "swing_targets": FEET,
+                "footholds": FEET,
                 **optional(k),
             }
         )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lgmpc.runs import Gate, ModeMetrics, RunLog, compute_metrics, judge
+from lgmpc.runs import Gate, RunLog, compute_metrics, judge
 from lgmpc.runs.log import MODES
 
 TICK = 1e-3
@@ -24,15 +24,7 @@ def moded_log(standing: RunLog) -> RunLog:
     damped = mode == MODES.index("damp")
     arrays["tau"][damped] = np.where(np.arange(12) % 2, 0.1, -0.1)
     arrays["tau"][time >= 0.75 - 1e-9] += 0.2
-    steps = {
-        "command": np.zeros((n, 3)),
-        "gait_period_s": np.ones(n),
-        "stance": np.ones((n, 4), dtype=np.int8),
-        "contact_states": np.zeros((n, 4), dtype=np.int8),
-        "swing_targets": arrays["contact_points"],
-        "footholds": arrays["contact_points"],
-    }
-    return replace(standing, **arrays, **steps, mode=mode)
+    return replace(standing, **(arrays | {"mode": mode}))
 
 
 def test_a_fall_and_the_rise_from_it_are_measured(standing: RunLog) -> None:
@@ -48,7 +40,6 @@ def test_a_fall_and_the_rise_from_it_are_measured(standing: RunLog) -> None:
 
 def test_a_robot_that_lies_rises_and_sits_has_not_fallen(standing: RunLog) -> None:
     log = moded_log(standing)
-    assert log.mode is not None
     low = np.where(log.mode == MODES.index("damp"), MODES.index("sit"), log.mode).astype(np.int8)
     low[(log.time >= 0.3 - 1e-9) & (log.time < 0.4 - 1e-9)] = MODES.index("sit")
     metrics = compute_metrics(replace(log, mode=low))
@@ -80,9 +71,3 @@ def test_gates_count_falls(standing: RunLog) -> None:
     assert judge(metrics, Gate(**limits, max_falls=1, min_rises=1, max_give_up_s=0.11)).passed
     (reason,) = judge(metrics, Gate(**limits, max_falls=None, max_give_up_s=0.05)).reasons
     assert reason == "time after a fall until the joints are damped: 0.1 s, allowed at most 0.05 s (max_give_up_s)"
-
-
-def test_runs_without_modes_have_no_such_figures(standing: RunLog) -> None:
-    metrics = compute_metrics(standing)
-    assert metrics.modes is None and metrics.falls == 0
-    assert isinstance(compute_metrics(moded_log(standing)).modes, ModeMetrics)

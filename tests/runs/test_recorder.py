@@ -203,15 +203,6 @@ def test_limits_that_change_are_channels_of_the_log() -> None:
     np.testing.assert_array_equal(log.decimated(2).friction_over_time, [0.6, 0.6, 0.3])
 
 
-def test_a_log_from_before_there_was_other_ground_is_read_as_on_a_level_floor(standing) -> None:
-    new = {*GROUND_CHANNELS, "contact_normals"}
-    old = RunLog.from_arrays({name: array for name, array in standing.arrays().items() if name not in new})
-    for name in new:
-        np.testing.assert_allclose(getattr(old, name), getattr(standing, name), rtol=0, atol=1e-15)
-    with pytest.raises(RunFolderError, match="log lacks contact_normals"):  # damaged, not old
-        RunLog.from_arrays({name: array for name, array in standing.arrays().items() if name != "contact_normals"})
-
-
 def test_a_log_says_what_it_contains_in_a_few_lines(standing) -> None:
     assert len(repr(standing).splitlines()) <= 3 and "1000 ticks" in repr(standing)
     assert standing.channels["contact_forces"][:2] == ((1000, 4, 3), "N")

@@ -92,12 +92,6 @@ def test_each_kind_is_distinguished_from_the_other(folder: RunFolder, result: So
         RunResult.from_json(result.to_json().replace('"solve"', '"tune"', 1))
 
 
-def test_the_first_files_had_no_kind_and_were_of_closed_loops(result: SolveResult) -> None:
-    written = json.loads(RunResult("x", result.verdict, None).to_json())
-    del written["kind"]
-    assert RunResult.from_json(json.dumps(written)).name == "x"
-
-
 def test_an_incomplete_folder_is_reported(folder: RunFolder) -> None:
     (folder.path / "trajectory.npz").unlink()
     with pytest.raises(RunFolderError, match=r"no complete run folder|not a complete run folder"):

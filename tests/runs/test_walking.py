@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, WalkingMetrics, compute_metrics, flat_metrics, judge
-from lgmpc.runs.channels import channels_of
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.walking import SETTLING_S, body_velocity, stride_mean
 
@@ -338,19 +336,9 @@ def test_a_folder_keeps_steps_and_figures(standing, tmp_path: Path) -> None:
     run = RunFolder.load(folder.path)
     assert run.result.metrics == metrics
     assert run.log.mass_kg == MASS
-    for name in channels_of(RunLog, "step"):
+    for name in ("command", "mode", "stance", "contact_states", "swing_targets", "footholds"):
         np.testing.assert_array_equal(getattr(run.log, name), getattr(log, name)[::4])
     assert {f"walking.{each.name}" for each in fields(WalkingMetrics)} <= flat_metrics(metrics).keys()
-
-
-def test_logs_without_steps_are_read_as_before(standing) -> None:
-    arrays = standing.arrays()
-    assert set(channels_of(RunLog, "step")).isdisjoint(arrays)
-    del arrays["mass_kg"]  # as the first lgmpc wrote them
-    again = RunLog.from_arrays(arrays)
-    assert not again.commanded and np.isnan(again.mass_kg) and again.decimated(2).footholds is None
-    content: dict[str, Any] = json.loads(RunResult("old", judge(compute_metrics(again), Gate()), None).to_json())
-    assert RunResult.from_json(json.dumps(content)).metrics is None
 
 
 def test_half_of_the_steps_is_damage(standing) -> None:
@@ -374,17 +362,13 @@ def steps(tick: int) -> dict[str, Any]:
     }
 
 
-def test_a_recorder_takes_all_channels_of_steps_or_none() -> None:
-    with pytest.raises(InputError, match="command, contact_states"):
-        record_standing(new_recorder(), 1, steps)
-    with pytest.raises(InputError, match="^channels: got footholds;"):
-        record_standing(
-            new_recorder(optional=("step",)), 1, lambda k: {n: v for n, v in steps(k).items() if n != "footholds"}
-        )
+def test_a_recorder_takes_all_channels() -> None:
+    with pytest.raises(InputError, match="^channels: got swings;"):
+        record_standing(new_recorder(), 1, lambda k: {"swings": 0.0})
 
 
 def test_recorded_steps_are_logged() -> None:
-    recorder = new_recorder(optional=("step",), mass=2.5)
+    recorder = new_recorder(mass=2.5)
     record_standing(recorder, 5, steps)
     log = recorder.log()
     assert log.commanded and log.mass_kg == 2.5

@@ -118,6 +118,13 @@ def record_pushed_run(robot: Robot, duration: float) -> RunLog:
                 "push_point": plant.body_point("base_link"),
                 "wbc_status": 0,
                 "wbc_ms": 0.08 + 0.01 * np.cos(0.3 * k),
+                "command": np.zeros(3),
+                "mode": MODES.index("stand"),
+                "gait_period_s": 0.24,
+                "stance": np.ones(robot.nc),
+                "contact_states": np.zeros(robot.nc),
+                "swing_targets": points,
+                "footholds": points,
             }
         )
         plant.set_wrench("base_link", wrench)

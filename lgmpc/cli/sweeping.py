@@ -23,7 +23,7 @@ from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
-from lgmpc.sweeps.summary import Summary, search_words, summary_tables
+from lgmpc.sweeps.summary import Summary, summary_tables
 
 __all__ = ["compare_shown", "part_of", "sweep_shown"]
 
@@ -98,9 +98,6 @@ def _show_sweep(
     if not quiet:
         for table in summary_tables(summary, finished.sweep.settings.metrics):
             show_table(table)
-        search = search_words(finished.sweep, finished.rows)
-        if search:
-            console.print(Text(search, "dim"))
         for reason, count in list(summary.broken.items())[:_MOST_REASONS]:
             console.print(Text(f"{count} x {reason}", "yellow"))
     if finished.signal is not None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from lgmpc.errors import InputError
 
-__all__ = ["differing", "leaves", "write_at"]
+__all__ = ["Difference", "differing", "leaves", "write_at"]
 
 _NAMED = ("world",)
 """Sections for which the name of their kind stands, or a list of kinds in a row."""
@@ -68,8 +68,16 @@ def _place(here: Any, part: str, path: str) -> Any:
     return place
 
 
-def differing(first: Any, second: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield key and both values of the leaves of two tables that differ, None where one lacks it.
+class Difference(NamedTuple):
+    """A dotted key whose values differ; ``None`` where a side lacks it."""
+
+    key: str
+    first: Any
+    second: Any
+
+
+def differing(first: Any, second: Any, key: str = "") -> Iterator[Difference]:
+    """Yield key and both values of the leaves of two tables that differ.
 
     Lists of equal length that contain tables differ element by element, others as a whole.
     """
@@ -80,7 +88,7 @@ def differing(first: Any, second: Any, key: str = "") -> Iterator[tuple[str, Any
         parts = [(i, *pair) for i, pair in enumerate(zip(first, second, strict=True))]
     else:
         if first != second:
-            yield key, first, second
+            yield Difference(key, first, second)
         return
     for name, a, b in parts:
         yield from differing(a, b, f"{key}.{name}" if key else str(name))

@@ -15,22 +15,13 @@ from lgmpc.runs import Run, SolvedRun, flat_metrics, load_run, measured
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
-from lgmpc.settings.dotted import differing
+from lgmpc.settings.dotted import Difference, differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document, read_rows
 from lgmpc.sweeps.rows import Estimate, Row, mean_difference, paired, place
 
-__all__ = ["Comparison", "Difference", "Quantity", "compare_folders", "higher_is_better", "is_sweep", "judged"]
+__all__ = ["Comparison", "Quantity", "compare_folders", "higher_is_better", "is_sweep", "judged"]
 
 _HIGHER_IS_BETTER = ("survived_s", "real_time_factor", "passed", "boundary", "walking.ends_standing")
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A key whose values differ; ``None`` where a side lacks it."""
-
-    key: str
-    first: Any
-    second: Any
 
 
 @dataclass(frozen=True)
@@ -84,7 +75,8 @@ class Comparison:
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON."""
-        return {"worse": self.worse, **json_values(asdict(self))}
+        content = asdict(self) | {"differences": [each._asdict() for each in self.differences]}
+        return {"worse": self.worse, **json_values(content)}
 
 
 def is_sweep(path: Path) -> bool:
@@ -120,7 +112,7 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
         differences, quantities = _compare_sweeps(first, second, margin, metrics)
         reasons: list[str] = []
     else:
-        differences = _differences(_config(a).model_dump(mode="json"), _config(b).model_dump(mode="json"))
+        differences = list(differing(_config(a).model_dump(mode="json"), _config(b).model_dump(mode="json")))
         quantities = _compare_runs(a, b, margin, metrics)
         failed = a.result.verdict.passed and not b.result.verdict.passed
         reasons = [f"only the first passed: {'; '.join(b.result.verdict.reasons)}"] if failed else []
@@ -200,7 +192,7 @@ def _compare_sweeps(
     if not pairs:
         raise RunFolderError(f"{first} and {second} have no finished point in common: other bases, factors or draws")
     differences = [Difference("points", len(a), len(b))] if a.keys() != b.keys() else []
-    differences += _differences(read_document(first / DOCUMENT), read_document(second / DOCUMENT))
+    differences += differing(read_document(first / DOCUMENT), read_document(second / DOCUMENT))
     quantities = []
     for name, values in paired(pairs).items():
         change = mean_difference([y - x for x, y in values])
@@ -214,10 +206,6 @@ def _compare_sweeps(
 def _rows(folder: Path) -> dict[str, Row]:
     """Return the rows that have a verdict, by base, variant, levels and draw."""
     return {place(row): row for row in read_rows(folder / ROWS).values() if row.ending.computed}
-
-
-def _differences(first: Any, second: Any) -> list[Difference]:
-    return [Difference(*each) for each in differing(first, second)]
 
 
 def _sentence(quantity: Quantity) -> str:

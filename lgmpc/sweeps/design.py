@@ -30,7 +30,6 @@ from lgmpc.sweeps.settings import (
     Horizontal,
     Normal,
     Samples,
-    Spaced,
     SweepSettings,
     Uniform,
 )
@@ -228,8 +227,6 @@ _EDGE = 1e-12  # a normal distribution has no value at probabilities 0 and 1
 
 def _factor_values(factor: Factor) -> tuple[Any, ...]:
     """Return the values that a factor takes, in order."""
-    if isinstance(factor, Spaced):
-        return tuple(float(x) for x in np.linspace(*factor.range, factor.count))
     if isinstance(factor, Directions):
         start = math.radians(factor.start_deg)
         angles = (start + 2.0 * math.pi * i / factor.count for i in range(factor.count))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -12,10 +11,10 @@ import numpy as np
 
 from lgmpc.errors import RunFolderError
 from lgmpc.sweeps.design import Sweep, load_sweep
-from lgmpc.sweeps.folder import DOCUMENT, ROWS, SUMMARY, read_rows
+from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_rows
 from lgmpc.sweeps.rows import Row, place
 from lgmpc.sweeps.settings import Directions
-from lgmpc.sweeps.summary import Group, Summary, point_table, search_words, summarize, summary_tables
+from lgmpc.sweeps.summary import Group, Summary, point_table, summarize, summary_tables
 from lgmpc.viz.figure_files import PALETTE, Drawing, draw_figures
 from lgmpc.viz.page import write_page
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
@@ -182,8 +181,7 @@ def _share_drawing(levels: Sequence[Group]) -> Drawing:
 
 def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary) -> Iterator[str]:
     found = [table(*each) for each in summary_tables(summary, sweep.settings.metrics)]
-    told = [search_words(sweep, rows), *(f"{count} x {reason}" for reason, count in summary.broken.items())]
-    yield section("Results", *found, words(each for each in told if each))
+    yield section("Results", *found, words(f"{count} x {reason}" for reason, count in summary.broken.items()))
     drawing = sweep_drawing(sweep, rows, summary)
     if drawing is not None:
         yield section("Figure", figures(dict([drawing])))
@@ -195,17 +193,3 @@ def _sections(folder: Path, sweep: Sweep, rows: dict[str, Row], summary: Summary
     yield section("Points", *points)
     document = (folder / DOCUMENT).read_text(encoding="utf-8").rstrip()
     yield section("Config", folded(f"{DOCUMENT}, defaults included", code(document)))
-    versions = _versions(folder)
-    if versions:
-        rows_of = [(name, str(version)) for name, version in versions.items()]
-        yield section("Versions", folded("Packages", table(("", ""), rows_of)))
-
-
-def _versions(folder: Path) -> dict[str, Any]:
-    """Return the versions in the sweep's summary; empty if it was stopped before one was written."""
-    try:
-        content = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    found = content.get("versions", {}) if isinstance(content, dict) else {}
-    return found if isinstance(found, dict) else {}

@@ -54,7 +54,6 @@ class Row:
         metrics: the kept metrics by name; ``None`` where there was nothing to measure.
         boundary: result of its bisection; ``None`` if there was none or it found no boundary.
         trials: values that the bisection tried, and whether each passed.
-        violations: values below the boundary at which it failed.
         simulated_s: simulated time, s.
         elapsed_s: computing time in its process, s.
         log: name of its run folder among the sweep's logs, which may have been removed for that of a failure; empty if
@@ -71,7 +70,6 @@ class Row:
     metrics: Mapping[str, float | None] = field(default_factory=dict)
     boundary: float | None = None
     trials: tuple[tuple[float, bool], ...] = ()
-    violations: tuple[float, ...] = ()
     simulated_s: float = 0.0
     elapsed_s: float = 0.0
     log: str = ""

@@ -33,7 +33,6 @@ __all__ = [
     "LogChoice",
     "Normal",
     "Samples",
-    "Spaced",
     "SweepSettings",
     "Uniform",
     "Values",
@@ -62,14 +61,6 @@ class Values(_Factor):
 
     kind: Literal["values"] = Field(description="A list of values.")
     values: tuple[Any, ...] = Field(min_length=1, description="The values.")
-
-
-class Spaced(_Factor):
-    """Evenly spaced numbers."""
-
-    kind: Literal["spaced"] = Field(description="Evenly spaced numbers.")
-    range: Range = Field(description="[first, last], both included.")
-    count: Annotated[Points, Field(ge=2)] = Field(description="Number of values, at least 2.")
 
 
 class Directions(_Factor):
@@ -118,7 +109,7 @@ class Horizontal(_Factor):
     range: RangeFromZero = Field(description="[shortest, longest], in the unit of the key.")
 
 
-Factor = Annotated[Union[Values, Spaced, Directions], Field(discriminator="kind")]  # noqa: UP007
+Factor = Annotated[Union[Values, Directions], Field(discriminator="kind")]  # noqa: UP007
 _Any = Union[Uniform, Normal, Choice, Horizontal]  # noqa: UP007
 Distribution = Annotated[_Any, Field(discriminator="kind")]
 
@@ -139,16 +130,12 @@ class Samples(Settings):
 class BisectionSettings(Settings):
     """Search of the largest value of one key at which a run still passes.
 
-    The verdict is assumed monotonic: a run that passes at a value passes at every smaller one. ``probes`` checks this
-    at values below the one found.
+    The verdict is assumed monotonic: a run that passes at a value passes at every smaller one.
     """
 
     key: str = Field(min_length=1, description="Dotted key. If it is a vector, the value scales that vector.")
     range: Range = Field(description="[passes, fails]: a value at which a run passes, and one at which it fails.")
     tolerance: Positive = Field(description="Width of the final interval around the boundary.")
-    probes: Annotated[int, Field(strict=True, ge=0, le=1000)] = Field(
-        default=0, description="Runs at evenly spaced values below the boundary, which all should pass."
-    )
 
     @model_validator(mode="after")
     def _finds_something(self) -> BisectionSettings:

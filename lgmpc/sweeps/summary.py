@@ -17,14 +17,12 @@ from lgmpc.sweeps.rows import Ending, Estimate, Row, mean_difference, median, pa
 from lgmpc.sweeps.settings import Choice, Directions, Expectation
 
 __all__ = [
-    "Boundaries",
     "Group",
     "Pairing",
     "Summary",
     "group_table",
     "level_text",
     "point_table",
-    "search_words",
     "summarize",
     "summary_tables",
 ]
@@ -40,23 +38,6 @@ Pair = tuple[Point, Row]
 
 
 @dataclass(frozen=True)
-class Boundaries:
-    """Boundaries found by bisections.
-
-    Attributes:
-        median: median of all.
-        low: the smallest.
-        high: the largest.
-        violations: values below a boundary that failed.
-    """
-
-    median: Estimate
-    low: float
-    high: float
-    violations: int
-
-
-@dataclass(frozen=True)
 class Group:
     """Points that share base, variant and levels.
 
@@ -64,14 +45,18 @@ class Group:
         labels: the shared base, variant and levels; of the effect of one factor its key as "factor", and "level".
         endings: number of points by ending.
         passed: share that passed, of those with a verdict.
-        boundaries: boundaries found by bisections.
+        boundary: median of the boundaries found by bisections; ``None`` if none was.
+        lowest: the smallest boundary.
+        highest: the largest boundary.
         metrics: median of each kept metric.
     """
 
     labels: Mapping[str, str]
     endings: Mapping[str, int]
     passed: Estimate
-    boundaries: Boundaries | None
+    boundary: Estimate | None
+    lowest: float | None
+    highest: float | None
     metrics: Mapping[str, Estimate]
 
 
@@ -196,15 +181,14 @@ def _group(labels: dict[str, str], pairs: Sequence[Pair]) -> Group:
     endings = {each.value: n for each in Ending if (n := sum(row.ending is each for row in rows))}
     names = dict.fromkeys(name for row in computed for name in row.metrics)
     found = [row.boundary for row in rows if row.boundary is not None]
-    boundaries = None
-    if found:
-        boundaries = Boundaries(median(found), min(found), max(found), sum(len(row.violations) for row in rows))
     metrics = {name: _values(row.metrics.get(name) for row in computed) for name in names}
     return Group(
         labels,
         endings,
         share(sum(row.passed for row in computed), len(computed)),
-        boundaries,
+        median(found) if found else None,
+        min(found, default=None),
+        max(found, default=None),
         {name: median(values) for name, values in metrics.items() if values},
     )
 
@@ -307,7 +291,7 @@ def summary_tables(summary: Summary, metrics: tuple[str, ...] | None) -> list[Ta
 def group_table(groups: Sequence[Group], metrics: Sequence[str]) -> Table:
     """Return a row for each group: the share that passed and the medians of metrics, or the boundaries."""
     labels = list(dict.fromkeys(label for group in groups for label in group.labels))
-    bounded = any(group.boundaries for group in groups)
+    bounded = any(group.boundary for group in groups)
     shown = () if bounded else metrics[:_MOST_METRICS]
     columns = ["boundary: median", "lowest", "highest"] if bounded else ["passed", *map(_heading, shown)]
     rows = []
@@ -346,19 +330,10 @@ def point_table(sweep: Sweep, rows: Mapping[str, Row]) -> Table:
     return Table(("point", "base", "variant", *keys, "ended", "boundary", "reasons"), cells)
 
 
-def search_words(sweep: Sweep, rows: Mapping[str, Row]) -> str:
-    """Return a sentence on the assumption of the sweep's bisection and its probes; empty without a bisection."""
-    search = sweep.settings.bisect
-    if search is None:
-        return ""
-    violations = sum(len(row.violations) for row in rows.values())
-    checked = f"{violations} probes below a boundary fail" if search.probes else "not checked (bisect.probes)"
-    return f"bisection of {search.key} assumes that a run that passes at a value passes at every smaller one: {checked}"
-
-
 def _boundaries(group: Group) -> tuple[str, ...]:
-    found = group.boundaries
-    return ("-", "-", "-") if found is None else (str(found.median), f"{found.low:.3g}", f"{found.high:.3g}")
+    if group.boundary is None:
+        return "-", "-", "-"
+    return str(group.boundary), f"{group.lowest:.3g}", f"{group.highest:.3g}"
 
 
 def _medians(group: Group, shown: Sequence[str]) -> Iterator[str]:

@@ -95,7 +95,6 @@ def compute(task: Task) -> Row:
                 (found.reason,) if found.reason else (),
                 boundary=found.value,
                 trials=found.trials,
-                violations=found.violations,
             )
     except Exception as error:
         row = Row(task.key, Ending.RAISED, (f"{type(error).__name__}: {error}",))
@@ -125,25 +124,22 @@ class Boundary:
     Attributes:
         value: the largest value that passed; ``None`` if both ends of the range have the same verdict.
         trials: each value that was tried, in order, and whether it passed.
-        violations: values below ``value`` that failed: there the verdict is not monotonic.
         reason: why there is no value; empty if there is one.
     """
 
     value: float | None
     trials: tuple[tuple[float, bool], ...]
-    violations: tuple[float, ...] = ()
     reason: str = ""
 
 
 def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boundary:
     """Find the value at which ``passes`` changes from true to false, to within ``settings.tolerance``.
 
-    The verdict is assumed monotonic; otherwise the value found is one of several changes, which ``settings.probes``
-    runs below it can detect.
+    The verdict is assumed monotonic; otherwise the value found is one of several changes.
 
     Args:
         passes: the verdict at a value.
-        settings: range, tolerance, probes.
+        settings: range, tolerance.
     """
     trials: list[tuple[float, bool]] = []
 
@@ -159,12 +155,9 @@ def bisect(passes: Callable[[float], bool], settings: BisectionSettings) -> Boun
     if holds(high):
         reason = f"bisect.range: got {high:g}, where the run still passes; expected one where it fails: raise it"
         return Boundary(None, tuple(trials), reason=reason)
-    first = low
     while high - low > settings.tolerance:
         middle = 0.5 * (low + high)
         if middle in (low, high):  # adjacent floating-point numbers, further apart than the tolerance
             break
         low, high = (middle, high) if holds(middle) else (low, middle)
-    probes = (first + (low - first) * (i + 1) / (settings.probes + 1) for i in range(settings.probes))
-    violations = tuple(value for value in probes if value not in dict(trials) and not holds(value))
-    return Boundary(low, tuple(trials), violations)
+    return Boundary(low, tuple(trials))

@@ -33,23 +33,6 @@ def test_ends_that_agree_give_no_boundary_but_a_remedy(edge: float, words: str) 
     assert words in found.reason
 
 
-def test_probes_find_what_is_not_monotonic() -> None:
-    found = bisect(lambda x: x <= 3.0 and not 1.0 < x < 1.5, settings(probes=9))
-    assert found.value == pytest.approx(3.0, abs=0.01)
-    assert found.violations
-    assert all(1.0 < value < 1.5 for value in found.violations)
-    assert bisect(lambda x: x <= 3.0, settings(probes=9)).violations == ()
-
-
-def test_probes_divide_the_range_below_the_boundary_evenly() -> None:
-    tried: list[float] = []
-    found = bisect(lambda x: tried.append(x) or x <= 3.2, settings(range=(-1.0, 8.0), probes=4))
-    assert found.value is not None
-    width = (found.value + 1.0) / 5.0
-    assert tried[-4:] == pytest.approx([-1.0 + width, -1.0 + 2.0 * width, -1.0 + 3.0 * width, -1.0 + 4.0 * width])
-    assert [value for value, _ in found.trials] == tried
-
-
 def test_a_tolerance_below_the_resolution_of_numbers_ends_the_search() -> None:
     found = bisect(lambda x: x <= 7e8, settings(range=(0.0, 1e9), tolerance=1e-9))
     assert found.value == 7e8

@@ -17,7 +17,7 @@ from .conftest import Parse
 GRID = """
 factors:
   - {key: [plant.friction, wbc.friction], kind: values, values: [0.4, 0.8]}
-  - {key: plant.joint_friction_nm, kind: spaced, range: [0.0, 0.2], count: 3}
+  - {key: plant.joint_friction_nm, kind: values, values: [0.0, 0.1, 0.2]}
 variants:
   soft: {wbc.weights.posture: 0.1}
   stiff: {wbc.weights.posture: 10.0}
@@ -134,7 +134,6 @@ def test_a_point_does_not_change_what_the_next_one_starts_from(parse: Parse) -> 
         ("factors: [{key: plant.frction, kind: values, values: [1]}]", "factors.0", "Did you mean plant.friction"),
         ("factors: [{key: plant.friction, kind: values, values: [-1]}]", "factors.0", "plant.friction: -1; expected"),
         ("factors: [{key: plant.friction, kind: values, values: []}]", "factors.0.values", "at least 1"),
-        ("factors: [{key: plant.friction, kind: spaced, range: [1, 1], count: 3}]", "factors.0.range", "lowest below"),
         ("factors: [{key: plant.friction, kind: value, values: [1]}]", "factors.0.kind", "Did you mean values"),
         ("factors: []", "factors", "expected a variation"),
         ("variants: {a: {mpc.enabld: true}}", "variants.a.mpc.enabld", "Did you mean mpc.enabled"),

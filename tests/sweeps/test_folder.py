@@ -29,7 +29,7 @@ def test_rows_come_back_as_they_were(folder: SweepFolder, row: Make) -> None:
     rows = [
         row("a", metrics={"max_tilt_deg": 1.5, "fell": None}, levels={"plant.friction": 0.6}, draw=3, simulated_s=2.0),
         row("b", Ending.FAIL, reasons=("the robot fell after 1 s",)),
-        row("c", boundary=3.5, trials=((1.0, True), (4.0, False)), violations=(2.0,)),
+        row("c", boundary=3.5, trials=((1.0, True), (4.0, False))),
         row("d", Ending.DIED, reasons=("its process ended",)),
         row("e", metrics={"x": float("nan")}),
     ]

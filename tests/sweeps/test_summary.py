@@ -126,9 +126,9 @@ expect: {min_boundary: 2.5}
     made[sweep.points[0].key] = Row(sweep.points[0].key, Ending.UNBRACKETED, ("bisect.range: got 9",))
     found = summarize(sweep, made)
     assert len(found.groups) == 2
-    low, high = (group.boundaries for group in found.groups)
-    assert low is not None and high is not None
-    assert (low.low, low.median.value, low.high, low.median.count) == (4.0, 6.0, 8.0, 3)
-    assert (high.low, high.high) == (3.0, 9.0)
+    low, high = found.groups
+    assert low.boundary is not None
+    assert (low.lowest, low.boundary.value, low.highest, low.boundary.count) == (4.0, 6.0, 8.0, 3)
+    assert (high.lowest, high.highest) == (3.0, 9.0)
     assert found.complaints == ("1 points have no verdict",)
     assert found.broken == {"unbracketed: bisect.range: got 9": 1}

@@ -193,7 +193,7 @@ def _save_run(folder: RunFolder, config: Config, result: SessionResult, origin: 
     Raises:
         RunFolderError: the folder cannot be written.
     """
-    folder.write_log(result.log)
+    folder.write_arrays(result.log)
     saved = RunResult(
         name=config.name,
         verdict=result.verdict,
@@ -275,7 +275,7 @@ def solve_config(
         with stop.deferred(progress) as report:
             notify("solving")
             outcome = session.run(report)
-            folder.write_trajectory(outcome.log)
+            folder.write_arrays(outcome.log)
             saved = SolveResult(
                 name=config.name,
                 verdict=outcome.verdict,

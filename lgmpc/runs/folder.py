@@ -46,17 +46,8 @@ DEPLOYMENT_FILE = "deployment.json"
 
 @dataclass(frozen=True)
 class Run(Recorded):
-    """The contents of a run folder; ``run["tau"]`` is a channel of its log.
+    """A closed loop's run folder; ``run["tau"]`` is a channel of its ``log``."""
 
-    Attributes:
-        path: the folder.
-        config: text of its ``config.yaml``.
-        log: its arrays.
-        result: its ``run.json``.
-    """
-
-    path: Path
-    config: str = field(repr=False)
     log: RunLog = field(repr=False)
     result: RunResult
 
@@ -68,17 +59,8 @@ class Run(Recorded):
 
 @dataclass(frozen=True)
 class SolvedRun(Recorded):
-    """The contents of a solved problem's run folder; ``run["xs"]`` is a channel of its trajectory.
+    """A solved problem's run folder; ``run["xs"]`` is a channel of its ``trajectory``."""
 
-    Attributes:
-        path: the folder.
-        config: text of its ``config.yaml``.
-        trajectory: its arrays.
-        result: its ``run.json``.
-    """
-
-    path: Path
-    config: str = field(repr=False)
     trajectory: TrajectoryLog = field(repr=False)
     result: SolveResult
 
@@ -150,22 +132,15 @@ class RunFolder:
         """Write the resolved configuration, YAML."""
         self._write(CONFIG_FILE, text)
 
-    def write_log(self, log: RunLog) -> None:
-        """Write the arrays: numbers and strings only, so that nothing in the file is pickled."""
-        self._write_arrays(LOG_FILE, log)
-
-    def write_trajectory(self, trajectory: TrajectoryLog) -> None:
-        """Write the arrays of a solved problem; nothing in the file is pickled."""
-        self._write_arrays(TRAJECTORY_FILE, trajectory)
+    def write_arrays(self, arrays: RunLog | TrajectoryLog) -> None:
+        """Write the arrays of a closed loop or of a solved problem: numbers and strings only, nothing is pickled."""
+        values: dict[str, Any] = arrays.arrays()
+        with atomic_write(self.path / (LOG_FILE if isinstance(arrays, RunLog) else TRAJECTORY_FILE)) as file:
+            np.savez(file, **values)
 
     def write_result(self, result: RunResult | SolveResult) -> None:
         """Write ``run.json``: last, because a folder that has it is complete."""
         self._write(RESULT_FILE, result.to_json())
-
-    def _write_arrays(self, name: str, log: RunLog | TrajectoryLog) -> None:
-        values: dict[str, Any] = log.arrays()
-        with atomic_write(self.path / name) as file:
-            np.savez(file, **values)
 
     def _write(self, name: str, text: str) -> None:
         with atomic_write(self.path / name) as file:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,12 +68,23 @@ def columns_of(log: ArrayFile, table: str) -> list[Column]:
     return columns
 
 
+@dataclass(frozen=True)
 class Recorded:
-    """What finished runs of all kinds have: arrays by the names of their channels, and tables of them."""
+    """A finished run of any kind: arrays by the names of their channels, and tables of them.
+
+    Attributes:
+        path: the folder.
+        config: text of its ``config.yaml``.
+    """
 
     path: Path
-    config: str
-    result: RunResult | SolveResult
+    config: str = field(repr=False)
+
+    if TYPE_CHECKING:  # a field of the subclasses
+
+        @property
+        def result(self) -> RunResult | SolveResult:
+            """The contents of its ``run.json``."""
 
     @property
     def arrays(self) -> ArrayFile:

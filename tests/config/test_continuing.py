@@ -268,7 +268,7 @@ def test_a_log_that_was_not_made_so_is_reported_with_tick_and_channel(
     folder.path.mkdir()
     for name in ("config.yaml", "run.json"):
         (folder.path / name).write_text((pushed.folder.path / name).read_text(encoding="utf-8"), encoding="utf-8")
-    folder.write_log(replace(log, **{channel: array}))
+    folder.write_arrays(replace(log, **{channel: array}))
     with pytest.raises(ReplayError, match=rf"tick 7 of the log\) in {channel}\[0\]") as caught:
         run_from(folder.path, out=tmp_path / "out")
     assert caught.value.difference.tick == 7  # type: ignore[attr-defined]
@@ -284,7 +284,7 @@ def test_other_versions_are_named(pushed: FinishedRun, tmp_path: Path) -> None:
     (folder.path / "config.yaml").write_text((pushed.folder.path / "config.yaml").read_text("utf-8"), "utf-8")
     q = np.array(pushed.session.log.q)
     q[20, 3] += 1e-12
-    folder.write_log(replace(pushed.session.log, q=q))
+    folder.write_arrays(replace(pushed.session.log, q=q))
     folder.write_result(replace(pushed.result, versions={**pushed.result.versions, "mujoco": "3.0.0"}))
     with pytest.raises(ReplayError, match=r"mujoco [0-9.]+ instead of 3\.0\.0"):
         run_from(folder.path, out=tmp_path)

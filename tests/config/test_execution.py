@@ -297,14 +297,14 @@ def test_a_second_ctrl_c_acts_at_once(short: Config, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("default_signals")
 def test_a_closing_terminal_sends_sighup_twice_and_the_log_is_saved(short: Config, tmp_path: Path) -> None:
-    write_log = RunFolder.write_log
+    write_arrays = RunFolder.write_arrays
 
     def send_again(folder: RunFolder, log: RunLog) -> None:
         signal.raise_signal(signal.SIGHUP)
-        write_log(folder, log)
+        write_arrays(folder, log)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(RunFolder, "write_log", send_again)
+        patch.setattr(RunFolder, "write_arrays", send_again)
         finished = run_config(short, tmp_path, progress=lambda now: signal.raise_signal(signal.SIGHUP))
     assert finished.exit_code == 129
     assert RunFolder.load(finished.folder.path).log.ticks > 0
@@ -318,9 +318,11 @@ def test_ignored_signals_stay_ignored(short: Config, tmp_path: Path) -> None:
 
 
 def test_an_interrupt_while_saving_lets_it_finish(short: Config, tmp_path: Path) -> None:
-    write_log = RunFolder.write_log
+    write_arrays = RunFolder.write_arrays
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(RunFolder, "write_log", lambda *args: (signal.raise_signal(signal.SIGINT), write_log(*args)))
+        patch.setattr(
+            RunFolder, "write_arrays", lambda *args: (signal.raise_signal(signal.SIGINT), write_arrays(*args))
+        )
         finished = run_config(short, tmp_path)
     assert not finished.session.interrupted
     assert RunFolder.load(finished.folder.path).result.verdict.passed

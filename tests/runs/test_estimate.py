@@ -80,7 +80,7 @@ def test_a_folder_keeps_it(estimated: RunLog, tmp_path: Path) -> None:
     metrics = compute_metrics(estimated)
     folder = RunFolder.create(tmp_path, "estimated")
     folder.write_config("name: estimated\n")
-    folder.write_log(estimated.decimated(4))
+    folder.write_arrays(estimated.decimated(4))
     folder.write_result(RunResult("estimated", judge(metrics, Gate()), metrics))
     run = RunFolder.load(folder.path)
     assert run.result.metrics == metrics

@@ -26,7 +26,7 @@ def result(standing) -> RunResult:
 def folder(tmp_path: Path, standing, result) -> RunFolder:
     folder = RunFolder.create(tmp_path / "runs", "solo12_balance", NOON)
     folder.write_config("name: solo12_balance\n")
-    folder.write_log(standing)
+    folder.write_arrays(standing)
     folder.write_result(result)
     return folder
 
@@ -112,7 +112,7 @@ def test_a_vanished_folder_is_one_error(folder, standing) -> None:
         file.unlink()
     folder.path.rmdir()
     with pytest.raises(RunFolderError, match="no such file"):
-        folder.write_log(standing)
+        folder.write_arrays(standing)
 
 
 def test_a_pipe_or_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(folder, standing, monkeypatc
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(RunFolderError, match="log.npz: no space left on device"):
-        folder.write_log(standing)
+        folder.write_arrays(standing)
     assert names(folder.path) == ["config.yaml", "run.json"]
 
 

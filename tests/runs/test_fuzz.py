@@ -70,7 +70,7 @@ def closed_loop(standing: RunLog, tmp_path: Path) -> Path:
     metrics = compute_metrics(standing)
     folder = RunFolder.create(tmp_path, "closed_loop", NOW)
     folder.write_config("name: closed_loop\n")
-    folder.write_log(standing.decimated(10))
+    folder.write_arrays(standing.decimated(10))
     folder.write_result(RunResult("closed_loop", judge(metrics, Gate()), metrics, **MADE))
     return folder.path
 
@@ -79,7 +79,7 @@ def closed_loop(standing: RunLog, tmp_path: Path) -> Path:
 def solved(tmp_path: Path) -> Path:
     folder = RunFolder.create(tmp_path, "solved", NOW)
     folder.write_config("name: solved\n")
-    folder.write_trajectory(trajectory())
+    folder.write_arrays(trajectory())
     folder.write_result(SolveResult("solved", Verdict(Outcome.PASS), "sqp", "converged", "", {"cost": 1.0}, **MADE))
     return folder.path
 

@@ -62,7 +62,7 @@ def result() -> SolveResult:
 def folder(tmp_path: Path, result: SolveResult) -> RunFolder:
     folder = RunFolder.create(tmp_path, "arm")
     folder.write_config("name: arm\n")
-    folder.write_trajectory(trajectory())
+    folder.write_arrays(trajectory())
     folder.write_result(result)
     return folder
 

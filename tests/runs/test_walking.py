@@ -331,7 +331,7 @@ def test_a_folder_keeps_steps_and_figures(standing, tmp_path: Path) -> None:
     metrics = compute_metrics(log)
     folder = RunFolder.create(tmp_path, "walk")
     folder.write_config("name: walk\n")
-    folder.write_log(log.decimated(4))
+    folder.write_arrays(log.decimated(4))
     folder.write_result(RunResult("walk", judge(metrics, Gate()), metrics))
     run = RunFolder.load(folder.path)
     assert run.result.metrics == metrics

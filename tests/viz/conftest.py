@@ -54,7 +54,7 @@ def save(log: RunLog, out: Path) -> Run:
     result = RunResult("solo12_pushed", judge(metrics, Gate(max_tilt_deg=20.0)), metrics)
     folder = RunFolder.create(out, "solo12_pushed")
     folder.write_config("name: solo12_pushed\n")
-    folder.write_log(log.decimated(2))
+    folder.write_arrays(log.decimated(2))
     folder.write_result(result)
     return RunFolder.load(folder.path)
 

@@ -28,7 +28,7 @@ def folder(pushed_run, tmp_path) -> RunFolder:
     """The pushed run beside a config of the same robot."""
     folder = RunFolder.create(tmp_path, "solo12_pushed")
     folder.write_config(dump_config(load_config(ROOT / "configs" / "solo12_balance.yaml")))
-    folder.write_log(pushed_run.log)
+    folder.write_arrays(pushed_run.log)
     folder.write_result(pushed_run.result)
     return folder
 
@@ -52,7 +52,7 @@ def test_the_picture_shows_the_push_and_the_calm_after_it(folder, tmp_path, monk
 
 
 def test_a_run_without_pushes_has_no_picture(folder, pushed_run, tmp_path, monkeypatch, capsys) -> None:
-    folder.write_log(replace(pushed_run.log, push=np.zeros_like(pushed_run.log.push)))
+    folder.write_arrays(replace(pushed_run.log, push=np.zeros_like(pushed_run.log.push)))
     assert run_script(monkeypatch, folder.path, tmp_path / "picture.png") == 2
     assert "was not pushed in this run" in capsys.readouterr().err
     assert run_script(monkeypatch, tmp_path / "nothing", tmp_path / "picture.png") == 2

@@ -63,7 +63,6 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.config": "/tour",
         "lgmpc.config.execution": "/tour",
         "lgmpc.config.showing": "/tour",
-        "lgmpc.config.continuing": "/guide/runs",
         "lgmpc.config.deploying": "/guide/hardware",
         "lgmpc.world": "/guide/plants",
         "lgmpc.simulation": "/guide/plants",

@@ -10,7 +10,6 @@ from lgmpc.locomotion import MotionCommand as MotionCommand
 from lgmpc.world import World as World
 from lgmpc.config import load_config as load_config, load_solve_config as load_solve_config
 from lgmpc.config.execution import run_config as run_config, solve_config as solve_config
-from lgmpc.config.continuing import run_from as run_from
 from lgmpc.sweeps import load_sweep as load_sweep, run_sweep as run_sweep
 from lgmpc.hardware import deploy as deploy
 from lgmpc.runs import load_run as load_run

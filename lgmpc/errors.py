@@ -24,7 +24,6 @@ __all__ = [
     "LgmpcError",
     "MissingDependencyError",
     "ModelError",
-    "ReplayError",
     "RunFolderError",
     "SolverError",
     "as_one_error",
@@ -259,25 +258,6 @@ class Interrupted(KeyboardInterrupt):
         self.signal = signal
         self.exit_code = 128 + signal
         super().__init__(signal.name)
-
-
-class ReplayError(LgmpcError):
-    """A recorded run was not repeated bit for bit.
-
-    Attributes:
-        run: folder of the recorded run.
-        difference: the first :class:`lgmpc.runs.difference.Difference`.
-    """
-
-    exit_code = 1
-
-    def __init__(self, run: str, difference: object, reason: str) -> None:
-        self.run = run
-        self.difference = difference
-        super().__init__(
-            f"{run} was not repeated bit for bit: it differs first {difference}. {reason} Run its config anew here, and"
-            f" continue that: lgmpc run {run}/config.yaml"
-        )
 
 
 class RunFolderError(LgmpcError):

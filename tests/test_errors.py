@@ -25,7 +25,6 @@ EXAMPLES: dict[type[BaseException], BaseException] = {
         errors.SolverError("fddp", "stalled", "Relax it."),
         errors.MissingDependencyError("meshcat", "the replay", "pip install meshcat"),
         errors.Interrupted(signal.SIGTERM),
-        errors.ReplayError("runs/a", "at tick 3", "Another machine."),
         errors.RunFolderError("runs/a cannot be read"),
         MissingQuantityError("contact_forces", "friction cone", ["state"]),
         NoControllerError("no command"),

@@ -14,8 +14,6 @@ from lgmpc.cli import help, studies
 from lgmpc.cli.options import (
     AsJson,
     ConfigFile,
-    ConfigOrChange,
-    From,
     MoreOverrides,
     OutFolder,
     Overrides,
@@ -79,10 +77,9 @@ def _options(
 
 @_command
 def run(
-    config: ConfigOrChange = "",
+    config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006 (typer copies it)
     overrides: Overrides = [],  # noqa: B006
-    origin: From = "",
     out: OutFolder = Path("runs"),
     plant: Annotated[
         Literal["mujoco", "pinocchio"] | None, option("Physics engine; the config's if not given.")
@@ -98,7 +95,7 @@ def run(
     from lgmpc.cli.running import run_shown
 
     changes = [*overrides, *more, *([f"plant.kind={plant}"] if plant else [])]
-    return run_shown(config, origin, changes, out, as_json=as_json, quiet=quiet, view=view)
+    return run_shown(config, changes, out, as_json=as_json, quiet=quiet, view=view)
 
 
 @_command
@@ -294,7 +291,7 @@ def export(
     for file in wanted.values():
         stdout().print(f"wrote {write(folder, file, table)}", markup=False)
     if c is not None:
-        from lgmpc.config.continuing import export_tick
+        from lgmpc.config.exporting import export_tick
 
         ticks = export_tick(folder, c)
         stdout().print(f"wrote {c}: C sources and {ticks} ticks. Build and replay them:", markup=False)
@@ -321,11 +318,10 @@ def plot(
 @_command
 def explain(
     run: RunName,
-    out: Annotated[Path | None, option("Folder for the figure; figures/ in the run's own if not given.")] = None,
     runs: RunsFolder = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """Explain why a run failed: the events before the failure, in order, as text and as a figure.
+    """Explain why a run failed: the events before the failure, in order.
 
     Events are limits reached, contacts and solutions lost, capture point outside the support, late ticks, wrong
     estimates. For a run that passed: its smallest margin to each limit. For a solve: course, end and margins.
@@ -333,7 +329,7 @@ def explain(
     from lgmpc.cli.inspecting import explain_shown
     from lgmpc.runs import find_run
 
-    explain_shown(find_run(run, runs), out, as_json=as_json)
+    explain_shown(find_run(run, runs), as_json=as_json)
 
 
 @_command
@@ -433,10 +429,8 @@ def doctor() -> int:
 
 
 @_command
-def schema(
-    out: Annotated[Path | None, typer.Option(help="File to write; stdout if not given.", show_default=False)] = None,
-) -> None:
+def schema() -> None:
     """Print the JSON schema of configs, from which editors complete and explain keys."""
-    from lgmpc.cli.inspecting import print_schema
+    from lgmpc.config.schema import json_schema_text
 
-    print_schema(out)
+    print(json_schema_text(), end="")

@@ -41,10 +41,8 @@ lgmpc run solo12_balance
 lgmpc run solo12_balance --set mpc.enabled=false --set plant.friction=0.4
 lgmpc run solo12_balance --set "pushes.0.impulse_ns=[0, 3, 0]" --out /tmp/runs
 lgmpc run solo12_stand --json | jq .metrics.max_tilt_deg
-lgmpc run runs/<time>-<name>/config.yaml      repeat a run
-lgmpc run --from latest                       repeat it, compared with its log bit for bit
-lgmpc run --from latest@2.31 wbc.weights.posture=2   the same up to 2.31 s, another weight from there on
-lgmpc run --from runs/<time>-<name>@0.9 --set plant.friction=0.3 duration_s=20
+lgmpc run runs/<time>-<name>/config.yaml      repeat a run; `lgmpc compare` says whether bit for bit
+lgmpc run runs/<time>-<name>/config.yaml "changes=[{at_s: 2.3, set: {plant.friction: 0.3}}]"
 lgmpc run solo12_velocity --view              in real time, on a page in the browser
 
 live
@@ -119,7 +117,7 @@ lgmpc doctor
 LGMPC_CACHE_DIR=/tmp/cache lgmpc doctor    with another compile cache; LGMPC_JIT=0 compiles nothing
 
 schema
-lgmpc schema --out configs/schema.json
+lgmpc schema > configs/schema.json
 As first line of a config: # yaml-language-server: $schema=schema.json
 
 deploy

@@ -29,7 +29,7 @@ from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
 if TYPE_CHECKING:
     from lgmpc.config.showing import SolveExplanation
 
-__all__ = ["copy_config", "explain_shown", "list_configs", "notes_on", "print_schema", "show_checked", "show_diagnosis"]
+__all__ = ["copy_config", "explain_shown", "list_configs", "notes_on", "show_checked", "show_diagnosis"]
 
 _NEAREST = 8
 _WIDTH = 28
@@ -163,24 +163,6 @@ def copy_config(name: str, destination: Path | None, *, force: bool) -> None:
     out().print(Text(f"next: lgmpc {config.command} {shlex.quote(str(file))}"), style="dim")
 
 
-def print_schema(file: Path | None) -> None:
-    """Write the JSON schema of configs to a file, or to stdout.
-
-    Raises:
-        InputError: if the file cannot be written.
-    """
-    from lgmpc.config.schema import json_schema_text
-
-    text = json_schema_text()
-    if file is None:
-        print(text, end="")
-        return
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError("--out", file, f"a file that can be written ({error.strerror})") from error
-
-
 def show_diagnosis() -> int:
     """Print the result of each check, and return 0 if all passed, else 1."""
     console = out()
@@ -199,20 +181,18 @@ def show_diagnosis() -> int:
     return 0
 
 
-def explain_shown(folder: Path, into: Path | None, *, as_json: bool) -> None:
+def explain_shown(folder: Path, *, as_json: bool) -> None:
     """Explain a run and print it."""
     from lgmpc.config.showing import explain
 
-    explanation, figure = explain(folder, into)
+    explanation = explain(folder)
     if as_json:
-        print(json.dumps({"folder": str(folder), "figure": str(figure), **explanation.content()}, indent=2))
+        print(json.dumps({"folder": str(folder), **explanation.content()}, indent=2))
         return
     _show_explanation(out(), explanation)
-    out().print(f"wrote {figure}", markup=False)
-    if isinstance(explanation, Explanation) and explanation.replay_from_s is not None:
-        argument = shlex.quote(f"{folder}@{explanation.replay_from_s:g}")
-        words = f"next: lgmpc run --from {argument} --set KEY=VALUE    (changed from the first event on)"
-        out().print(Text(words, "dim"))
+    if isinstance(explanation, Explanation) and explanation.events:
+        out().print(Text(f"next: {explanation.command(folder)}    (changed from the first event on)", "dim"))
+    out().print(Text(f"next: lgmpc report {shlex.quote(str(folder))}    (figures, replay)", "dim"))
 
 
 def _show_explanation(console: Console, explanation: Explanation | SolveExplanation) -> None:

@@ -14,8 +14,6 @@ import typer
 __all__ = [
     "AsJson",
     "ConfigFile",
-    "ConfigOrChange",
-    "From",
     "MoreOverrides",
     "OutFolder",
     "Overrides",
@@ -75,25 +73,6 @@ ConfigFile = Annotated[
         "A YAML file, or the name of a shipped config (`lgmpc configs` lists them).",
         metavar="CONFIG",
         complete=complete_config,
-    ),
-]
-ConfigOrChange = Annotated[
-    str,
-    argument(
-        "A YAML file, or the name of a shipped config (`lgmpc configs` lists them). None with --from.",
-        metavar="CONFIG",
-        complete=complete_config,
-    ),
-]
-From = Annotated[
-    str,
-    typer.Option(
-        "--from",
-        metavar="RUN[@TIME]",
-        help="Repeat a recorded run bit for bit up to TIME (s), and continue from there with the changes of --set. "
-        "Without changes all of it is repeated and compared with its log.",
-        show_default=False,
-        autocompletion=complete_run,
     ),
 ]
 Overrides = Annotated[

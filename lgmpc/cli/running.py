@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,8 +17,8 @@ from lgmpc.cli.screen import err, out, print_result, show_next, show_table, show
 from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
 from lgmpc.config.session import Iteration, Progress, stop_signals
-from lgmpc.errors import InputError, Interrupted
-from lgmpc.runs import Outcome, find_run, flat_metrics, measured
+from lgmpc.errors import Interrupted
+from lgmpc.runs import Outcome, flat_metrics, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.metrics import timing
@@ -34,28 +33,22 @@ __all__ = ["RobotEnd", "deploy_shown", "live_shown", "run_shown", "serve_shown",
 
 
 def run_shown(
-    first: str, origin: str, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool, view: bool = False
+    path: Path, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool, view: bool = False
 ) -> int:
-    """Run a config, or from a tick of a recorded run, with a progress display; return the exit code.
+    """Run a config with a progress display; return the exit code.
 
     Args:
-        first: the config; with an origin, whose config is used, the first change or nothing.
-        origin: ``RUN`` or ``RUN@TIME``; empty to run a config from its start.
+        path: of the config.
         changes: ``key=value``.
         folder: of run folders.
         as_json: print ``run.json``.
         quiet: print the verdict only.
         view: show it on a page while it runs.
     """
-    if origin and view:
-        raise InputError("--view", f"with --from {origin}", "one of both: a repetition is compared, not shown")
-    if origin:
-        begin = _continuation(first, origin, changes, folder)
-    else:
-        begin = _viewed(first, changes, folder) if view else _beginning(first, changes, folder)
-    console = err()
+    config, console = load_config(path, changes), err()
     with _run_display(console, quiet=quiet) as display, warnings_on(console):
-        finished = begin(notify=display.announce, progress=display.advance)
+        begin = _viewed if view else run_config
+        finished = begin(config, folder, notify=display.announce, progress=display.advance)
     if as_json:
         print_result(finished.folder.path, finished.result)
     else:
@@ -63,23 +56,14 @@ def run_shown(
     return finished.exit_code
 
 
-def _beginning(config: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
-    if not config:
-        raise InputError("CONFIG", "nothing", "a config to simulate, or --from RUN@TIME")
-    return partial(run_config, load_config(config, changes), folder)
-
-
-def _viewed(config: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
+def _viewed(
+    config: Config, folder: Path, *, notify: Callable[[str], None], progress: Callable[[Progress], None]
+) -> FinishedRun:
     from lgmpc.live.running import viewed_config
     from lgmpc.live.viewing import Viewing
 
-    loaded = load_config(config, changes)
-
-    def run(notify: Callable[[str], None], progress: Callable[[Progress], None]) -> FinishedRun:
-        with Viewing(port=0).open(notify) as link:
-            return viewed_config(loaded, link, folder, notify=notify, progress=progress)
-
-    return run
+    with Viewing(port=0).open(notify) as link:
+        return viewed_config(config, link, folder, notify=notify, progress=progress)
 
 
 def live_shown(config: Config, link: Link, folder: Path, duration_s: float) -> None:
@@ -97,20 +81,6 @@ def live_shown(config: Config, link: Link, folder: Path, duration_s: float) -> N
         show_next(out(), saved)
 
 
-def _continuation(first: str, origin: str, changes: Sequence[str], folder: Path) -> Callable[..., FinishedRun]:
-    if first and "=" not in first:
-        raise InputError("CONFIG", first, "none with --from: the config is the recorded run's, changed by --set")
-    name, at, time = origin.rpartition("@")
-    try:
-        time_s = float(time) if at else None
-    except ValueError:
-        raise InputError("--from", origin, "RUN, or RUN@TIME with a time in s, such as latest@2.31") from None
-    from lgmpc.config.continuing import run_from
-
-    path = find_run(name if at else origin, folder)
-    return partial(run_from, path, time_s, [*([first] if first else []), *changes], folder)
-
-
 def _show_run(run: FinishedRun, *, quiet: bool) -> None:
     """Print the figures, the verdict, and the commands for the saved run."""
     console, metrics, gate = out(), run.session.metrics, run.config.gate
@@ -121,8 +91,6 @@ def _show_run(run: FinishedRun, *, quiet: bool) -> None:
         show_table(limits_table(limited, others))
     show_verdict(console, run.session.verdict, run.result.name)
     if not quiet:
-        if run.result.origin is not None:
-            console.print(Text(str(run.result.origin), "dim"))
         if run.session.certificate is not None:
             console.print(_certified(run.session.certificate))
             if run.session.certificate.without_limit:

@@ -28,7 +28,7 @@ from lgmpc.config.session import (
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
-from lgmpc.runs.result import Origin, SettingsChange
+from lgmpc.runs.result import SettingsChange
 from lgmpc.settings.dotted import differing
 from lgmpc.world import Course, Heights
 
@@ -116,7 +116,7 @@ class FinishedRun(_Finished):
     Attributes:
         folder: the run folder.
         result: the content of ``run.json``.
-        config: the simulated config; of a continued run, that of its last part.
+        config: the simulated config.
         session: log, metrics and verdict.
         signal: the signal that ended it early, if any.
     """
@@ -161,18 +161,14 @@ def run_session(
     *,
     notify: Notify = ignore,
     progress: ProgressReport = ignore,
-    verify: Callable[[SessionResult], Origin | None] = lambda result: None,
 ) -> FinishedRun:
-    """Run the session that ``prepare`` returns and save it, see :func:`run_config`, unless ``verify`` raises.
-
-    ``verify`` takes the result and returns the recorded run that it repeats, if any.
-    """
+    """Run the session that ``prepare`` returns and save it, see :func:`run_config`."""
     with stop_signals() as stop, _new_folder(config, out, stop) as folder:
         session = prepare(stop.checked(notify))
         folder.check_space(session.log_bytes)
         with stop.deferred(progress) as report:
             result = session.run(report)
-            saved = _save_run(folder, config, result, verify(result))
+            saved = _save_run(folder, config, result)
     return FinishedRun(folder, saved, config, result, signal=stop.received if result.interrupted else None)
 
 
@@ -187,7 +183,7 @@ def save_run(config: Config, result: SessionResult, out: str | Path) -> Path:
     return folder.path
 
 
-def _save_run(folder: RunFolder, config: Config, result: SessionResult, origin: Origin | None = None) -> RunResult:
+def _save_run(folder: RunFolder, config: Config, result: SessionResult) -> RunResult:
     """Write log and ``run.json`` of a simulated config, and return the content of the latter.
 
     Raises:
@@ -200,7 +196,6 @@ def _save_run(folder: RunFolder, config: Config, result: SessionResult, origin: 
         metrics=result.metrics,
         seed=config.seed,
         certificate=result.certificate,
-        origin=origin,
         changes=tuple(_settings_changes(config)),
     )
     folder.write_result(saved)

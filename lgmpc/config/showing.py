@@ -30,13 +30,10 @@ from lgmpc.viz import (
     replay_page,
     run_report,
     solve_report,
-    write_explanation,
     write_page,
 )
-from lgmpc.viz.figure_files import draw_figures, figure_title
 from lgmpc.viz.film import FILM_KINDS, write_film
 from lgmpc.viz.recordings import write_mcap, write_rrd
-from lgmpc.viz.trajectory_plots import trajectory_drawings
 from lgmpc.world import World, make_world
 
 if TYPE_CHECKING:
@@ -199,31 +196,18 @@ class SolveExplanation:
         return cast("dict[str, Any]", json_values(asdict(self)))
 
 
-def explain(
-    run: str | Path | FinishedRun | FinishedSolve, out: str | Path | None = None
-) -> tuple[Explanation | SolveExplanation, Path]:
-    """Find the events that led to the failure of a closed loop, or the course and end of a solve, and draw them.
+def explain(run: str | Path | FinishedRun | FinishedSolve) -> Explanation | SolveExplanation:
+    """Find the events that led to the failure of a closed loop, or the course and end of a solve.
 
     Args:
         run: the value of :func:`run_config` or :func:`solve_config`, or a run folder, or ``latest``.
-        out: folder for the figure ``explanation.png`` or ``convergence.png``; ``figures/`` in the run's own unless
-            given.
-
-    Returns:
-        The explanation and the file of its figure.
 
     Raises:
-        RunFolderError: if the folder is not a complete run, or the figure cannot be written.
-        InputError: if the run has fewer than two ticks with a finite state, or the trajectory is not finite.
+        RunFolderError: if the folder is not a complete run.
+        InputError: if the run has fewer than two ticks with a finite state.
     """
     loaded = _load(run)
-    robot, folder = _robot_of(loaded), Path(out) if out else loaded.path / "figures"
-    if not isinstance(loaded, SolvedRun):
-        explanation = _explained(loaded, robot)
-        return explanation, write_explanation(explanation, folder)
-    figure = {"convergence": trajectory_drawings(robot, loaded)["convergence"]}
-    (file,) = draw_figures(figure, figure_title(loaded.result)).save(folder)
-    return _explained_solve(loaded), file
+    return _explained_solve(loaded) if isinstance(loaded, SolvedRun) else _explained(loaded, _robot_of(loaded))
 
 
 def _explained_solve(run: SolvedRun) -> SolveExplanation:

@@ -12,7 +12,7 @@ any of them with any motion of the base. ``reactions`` and ``soles`` compute for
 Pinocchio.
 
 A new kind of configs is one file, with its settings (``kind: Literal["<kind>"]`` among them) and a function that builds
-a :class:`Scenario` from a robot and these settings, and one line in ``_builders``. ``lgmpc schema --out
+a :class:`Scenario` from a robot and these settings, and one line in ``_builders``. ``lgmpc schema >
 configs/schema.json`` then writes the schema for editors.
 """
 

@@ -1,4 +1,4 @@
-"""The first bitwise difference between two logs, for checks that a run is reproducible."""
+"""The first bitwise difference between two logs, for checks that a run is repeatable."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Difference:
 
     def __str__(self) -> str:
         where = f"at {self.time_s:.3f} s (tick {self.tick} of the log)"
-        return f"{where} in {self.channel}: {self.first!r} was recorded, {self.second!r} came now"
+        return f"{where} in {self.channel}: {self.first!r} became {self.second!r}"
 
 
 def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) -> Difference | None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -13,7 +15,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.events import Event, EventKind, find_events
-from lgmpc.runs.folder import Run
+from lgmpc.runs.folder import CONFIG_FILE, Run
 from lgmpc.runs.gate import Gate, Outcome
 from lgmpc.runs.limited import JointLimits, Limited, Nearest, gate_figures, limited_quantities
 from lgmpc.runs.log import RunLog
@@ -62,12 +64,17 @@ class Explanation:
 
     @property
     def replay_from_s(self) -> float | None:
-        """Time just before the first event, s, a multiple of 10 ms, for a continuation with other settings.
+        """Time just before the first event, s, a multiple of 10 ms, from which other settings would act.
 
         ``None`` without events.
         """
         first = min((each.start_s for each in self.events), default=None)
         return None if first is None else max(0, math.floor(1e2 * first + 1e-6) - 1) / 1e2
+
+    def command(self, folder: Path) -> str:
+        """Return the command that repeats the run, with other settings from just before its first event on."""
+        change = f'"changes=[{{at_s: {self.replay_from_s:g}, set: {{KEY: VALUE}}}}]"' if self.replay_from_s else ""
+        return f"lgmpc run {shlex.quote(str(folder / CONFIG_FILE))} --set {change or 'KEY=VALUE'}"
 
     def content(self) -> dict[str, Any]:
         """Return it as plain values for JSON, without the arrays."""

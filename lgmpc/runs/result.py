@@ -26,7 +26,6 @@ __all__ = [
     "RESULT_FILE",
     "SCHEMA",
     "HostInfo",
-    "Origin",
     "RunResult",
     "SettingsChange",
     "SolveResult",
@@ -114,32 +113,7 @@ class SettingsChange:
     @property
     def differences(self) -> str:
         """The changes in words: ``key before -> after``."""
-        return _differences(self.values)
-
-
-@dataclass(frozen=True)
-class Origin:
-    """The run that another one repeats up to some time and continues from there.
-
-    Attributes:
-        run: folder of the repeated run.
-        time_s: time from which changed settings act, s.
-        verified_ticks: ticks of its log that were repeated bit for bit.
-        changes: values before and after by key; empty where the whole run was repeated.
-    """
-
-    run: str
-    time_s: float
-    verified_ticks: int
-    changes: Values = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        text = f"{self.run}: {self.verified_ticks} logged ticks repeated bit for bit"
-        return f"{text}; changed at {self.time_s:.3f} s: {_differences(self.changes)}" if self.changes else text
-
-
-def _differences(values: Values) -> str:
-    return ", ".join(f"{key} {before} -> {after}" for key, (before, after) in values.items())
+        return ", ".join(f"{key} {before} -> {after}" for key, (before, after) in self.values.items())
 
 
 def _now() -> str:
@@ -207,7 +181,6 @@ class _Result:
         if kind != cls.kind:
             raise RunFolderError(f"{source} is of a {_words(kind)}, not of a {_words(cls.kind)}")
         content["verdict"] = {"outcome": content.get("verdict"), "reasons": content.get("reasons", ())}
-        content["origin"] = content.get("from")
         if cls is RunResult and "seed" not in content:
             raise RunFolderError(f"{source} is damaged: no seed")
         try:
@@ -239,7 +212,6 @@ class RunResult(_Result):
         metrics: of the run; ``None`` if it stopped before its first tick.
         seed: seed of the run's random numbers.
         certificate: checks of physics and hardware; ``None`` of robots, and of too short runs.
-        origin: the run that it continues; ``None`` if it began by itself.
         changes: of settings during the run.
     """
 
@@ -248,7 +220,6 @@ class RunResult(_Result):
     metrics: Metrics | None
     seed: int = 0
     certificate: Certificate | None = None
-    origin: Origin | None = None
     changes: tuple[SettingsChange, ...] = ()
 
     def shown(self) -> dict[str, float]:
@@ -258,8 +229,8 @@ class RunResult(_Result):
 
     def _content(self) -> dict[str, Any]:
         content = asdict(self) | {"certificate": None if self.certificate is None else self.certificate.content()}
-        origin, changes = content.pop("origin"), content.pop("changes")
-        return content | ({"from": origin} if origin else {}) | ({"changes": changes} if changes else {})
+        changes = content.pop("changes")
+        return content | ({"changes": changes} if changes else {})
 
 
 @dataclass(frozen=True, repr=False)

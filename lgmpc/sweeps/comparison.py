@@ -13,6 +13,7 @@ from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.runs import Run, SolvedRun, flat_metrics, load_run, measured
 from lgmpc.runs.atomic import json_values
+from lgmpc.runs.difference import first_difference
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.settings.dotted import Difference, differing
@@ -58,6 +59,7 @@ class Comparison:
         margin: share by which the second may be worse.
         differences: keys of the configs, or of the documents of the sweeps, that differ.
         quantities: quantities measured on both sides.
+        log: the first bitwise difference of the logs of two closed loops in words; empty if there is none.
         reasons: sentences on why the second is worse; empty if it is not.
     """
 
@@ -67,6 +69,7 @@ class Comparison:
     differences: tuple[Difference, ...]
     quantities: tuple[Quantity, ...]
     reasons: tuple[str, ...]
+    log: str = ""
 
     @property
     def worse(self) -> bool:
@@ -120,7 +123,9 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
         if name not in [each.name for each in quantities]:
             raise InputError("metric", name, "a metric of both", [each.name for each in quantities], word=name)
     reasons += [_sentence(each) for each in quantities if each.worse]
-    return Comparison(str(first), str(second), margin, tuple(differences), tuple(quantities), tuple(reasons))
+    logs = first_difference(a.log, b.log) if isinstance(a, Run) and isinstance(b, Run) else None
+    where = "" if logs is None else str(logs)
+    return Comparison(str(first), str(second), margin, tuple(differences), tuple(quantities), tuple(reasons), where)
 
 
 def judged(

@@ -5,7 +5,6 @@ matplotlib's, in :class:`Plots`. The viewer and matplotlib are imported when the
 """
 
 from lgmpc.viz.demonstration import demo_page, draw_demo
-from lgmpc.viz.explanation_plots import write_explanation
 from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.page import embed_page, in_notebook, open_page, write_page
 from lgmpc.viz.plots import plot_run
@@ -25,6 +24,5 @@ __all__ = [
     "replay_page",
     "run_report",
     "solve_report",
-    "write_explanation",
     "write_page",
 ]

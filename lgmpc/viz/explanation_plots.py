@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
@@ -13,7 +11,7 @@ import numpy as np
 from lgmpc.runs.events import EventKind, EventLine, event_lines
 from lgmpc.runs.forensics import Explanation
 from lgmpc.typing import BoolArray
-from lgmpc.viz.figure_files import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z, draw_figures, legend_above
+from lgmpc.viz.figure_files import EXTRA, INK, LIMIT, PUSH, SOFT, X, Y, Z, legend_above
 from lgmpc.viz.plots import draw_contact_rows
 from lgmpc.viz.series import extremes
 
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_explanation", "write_explanation"]
+__all__ = ["draw_explanation"]
 
 _COLORS = {
     EventKind.CAUSE: PUSH,
@@ -37,18 +35,6 @@ _BEFORE_S, _AFTER_S = 0.1, 0.25
 _LETTERS = 140
 """Largest length of an event's description, as wide as the figure."""
 _HIGHEST_SHARE = 1.5
-
-
-def write_explanation(explanation: Explanation, folder: Path) -> Path:
-    """Draw the figure into ``explanation.png`` in a folder, and return the file.
-
-    Raises:
-        RunFolderError: if the folder cannot be written.
-        MissingDependencyError: if matplotlib is not installed.
-    """
-    title = f"{explanation.name} · {explanation.outcome.value}"
-    (file,) = draw_figures({"explanation": partial(draw_explanation, explanation=explanation)}, title).save(folder)
-    return file
 
 
 def draw_explanation(figure: Figure, explanation: Explanation) -> bool:

@@ -150,7 +150,8 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, gro
         yield section("Figures", figures(run_drawings(run)))
         drawn = figures({"events": partial(draw_explanation, explanation=explanation)})
         events = table(*events_table(explanation.events, explanation.failed_s, explanation.failure))
-        yield section("Events", words(_repeated(run, explanation)), events, drawn)
+        again = f"to repeat it up to the first event, with other settings from then on: {explanation.command(run.path)}"
+        yield section("Events", words([again] if explanation.events else []), events, drawn)
         until = "" if explanation.failed_s is None else ", until the failure"
         yield section(f"Nearest to limits{until}", table(*margins_table(explanation.nearest)))
         if result.certificate is not None:
@@ -186,15 +187,6 @@ def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> s
 
     about = f"{result.when} · {robot.name} · {result.method}: {result.status.replace('_', ' ')}"
     return report_page(result.name, result.verdict.outcome.value, about, result.verdict.reasons, sections())
-
-
-def _repeated(run: Run, explanation: Explanation) -> Iterator[str]:
-    """Yield the origin of a continued run, and the command that repeats the run up to its first event."""
-    if run.result.origin is not None:
-        yield str(run.result.origin)
-    if explanation.replay_from_s is not None:
-        command = f"lgmpc run --from {run.path}@{explanation.replay_from_s:g} --set KEY=VALUE"
-        yield f"to repeat it up to the first event, and continue with other settings: {command}"
 
 
 def _certificate(certificate: Certificate) -> str:

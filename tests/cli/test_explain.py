@@ -1,6 +1,7 @@
-"""``lgmpc explain``: chain of events, figure, JSON, errors."""
+"""``lgmpc explain``: chain of events, JSON, errors."""
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from documents import ARM
 from .conftest import Invoke
 
 
-def test_a_fall_is_explained_in_words_as_a_figure_and_as_json(
+def test_a_fall_is_explained_in_words_and_as_json(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, invoke: Invoke
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -25,17 +26,15 @@ def test_a_fall_is_explained_in_words_as_a_figure_and_as_json(
     kinds = [line.split()[2] for line in map(str.strip, lines) if line[:1].isdigit() and len(line.split()) > 2]
     assert kinds[0] == "cause" and {"limit", "balance", "contact"} <= set(kinds)
     assert sum("FAILURE" in line for line in lines) == 1
-    figure = Path(lines[-2].removeprefix("wrote "))
-    assert figure.name == "explanation.png" and figure.read_bytes()[:4] == b"\x89PNG"
-    # The push is the first event: repeated from just before it, a weaker one is survived.
-    words = lines[-1].split()
-    assert words[:4] == ["next:", "lgmpc", "run", "--from"] and words[4].endswith("@0.19")
-    weaker = ("--set", "pushes.0.impulse_ns=[0.0, 1.0, 0.0]", "duration_s=0.8", "gate={}", "--quiet")
-    assert invoke("run", "--from", words[4], *weaker)[0] == 0
-    code, output = invoke("explain", words[4].rpartition("@")[0], "--json", "--out", tmp_path / "elsewhere")
-    content = json.loads(output)
-    assert code == 0 and content["events"][0]["name"] == "push"
-    assert Path(content["figure"]) == tmp_path / "elsewhere" / "explanation.png"
+    assert "lgmpc report " in lines[-1]
+    # The push is the first event: other settings would act from just before it.
+    (command,) = (line for line in lines if line.startswith("next: lgmpc run "))
+    _, _, _, config, option, change, *_ = shlex.split(command)
+    assert (option, change) == ("--set", "changes=[{at_s: 0.19, set: {KEY: VALUE}}]")
+    weaker = (change.replace("KEY: VALUE", "mpc.enabled: true"), "gate={}", "--quiet")
+    assert invoke("run", config, *weaker)[0] in (0, 1)
+    code, output = invoke("explain", Path(config).parent, "--json")
+    assert code == 0 and json.loads(output)["events"][0]["name"] == "push"
 
 
 def test_a_solve_is_explained_by_its_iterations_its_end_and_its_margins(
@@ -50,10 +49,9 @@ def test_a_solve_is_explained_by_its_iterations_its_end_and_its_margins(
     assert "ended as iteration limit after 2 iterations" in lines[1]
     assert lines[2].startswith("  - cost from ") and "criterion of convergence" in lines[2]
     assert any(line.startswith("effort ratio ") and " 2 " in line for line in lines)
-    assert Path(lines[-1].removeprefix("wrote ")).read_bytes()[:4] == b"\x89PNG"
-    code, output = invoke("explain", "latest", "--json", "--out", "elsewhere")
+    code, output = invoke("explain", "latest", "--json")
     content = json.loads(output)
-    assert code == 0 and content["outcome"] == "fail" and content["figure"] == "elsewhere/convergence.png"
+    assert code == 0 and content["outcome"] == "fail"
     assert {each["name"] for each in content["nearest"]} >= {"effort ratio", "control"}
 
 

@@ -67,7 +67,7 @@ def keys(schema: Any) -> Any:
 
 def test_the_schema_for_editors_is_up_to_date() -> None:
     written, now = json.loads(SCHEMA_FILE.read_text(encoding="utf-8")), json.loads(json_schema_text())
-    assert keys(written) == keys(now), "write it anew: lgmpc schema --out configs/schema.json"
+    assert keys(written) == keys(now), "write it anew: lgmpc schema > configs/schema.json"
 
 
 def test_shipped_configs_name_the_schema(shipped: Path) -> None:

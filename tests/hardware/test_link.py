@@ -20,7 +20,6 @@ import numpy as np
 import pytest
 
 from lgmpc.config import Config, load_config
-from lgmpc.config.continuing import run_from
 from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
@@ -85,8 +84,6 @@ def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path
     assert saved.result.metrics is not None and math.isnan(saved.result.metrics.max_slip_m)
     assert saved.result.metrics.max_abs_torque_nm == pytest.approx(np.abs(alone.log.tau).max(), abs=1e-9)
     assert 0.0 < figures["command_p50_ms"] <= figures["command_max_ms"]
-    with pytest.raises(InputError, match=r"run: got .*, a run of a robot; expected a simulated run.*config\.yaml"):
-        run_from(finished, 0.1, ["mpc.enabled=false"], tmp_path)
 
 
 def test_a_robot_along_a_slope_is_not_tilted() -> None:

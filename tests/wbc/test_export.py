@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from lgmpc import load_config, run_config
 from lgmpc.cli.app import app
-from lgmpc.config.continuing import export_tick
+from lgmpc.config.exporting import export_tick
 from lgmpc.errors import InputError
 from lgmpc.wbc import NumericTask, WholeBodyController, WholeBodySettings
 from lgmpc.wbc.export import TickRecorder
@@ -44,7 +44,7 @@ def build(folder: Path, *arguments: str) -> Path:
 )
 def test_recorded_runs_are_repeated_bit_for_bit(tmp_path: Path, config: str, changes: list[str]) -> None:
     run = run_config(load_config(config, changes), out=tmp_path / "runs")
-    ticks = export_tick(run, tmp_path / "tick")
+    ticks = export_tick(run.folder.path, tmp_path / "tick")
     assert ticks == round(run.session.metrics.survived_s / 1e-3)
     replayed = subprocess.run(
         [build(tmp_path / "tick"), tmp_path / "tick" / "ticks.bin"], capture_output=True, text=True
@@ -104,5 +104,5 @@ def test_what_cannot_be_written_in_c_is_named(tmp_path: Path, solo12) -> None:
     run = run_config(load_config("solo12_balance", ["duration_s=0.02"]), out=tmp_path / "runs")
     (tmp_path / "mine").write_text("mine")
     with pytest.raises(InputError, match=r"^--c: .*a new or an empty folder"):
-        export_tick(run, tmp_path)
+        export_tick(run.folder.path, tmp_path)
     assert (tmp_path / "mine").read_text() == "mine"

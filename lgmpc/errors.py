@@ -38,8 +38,8 @@ __all__ = [
 MOST_CHOICES = 12
 """Number of valid choices that a message lists; the attribute ``choices`` has all."""
 
-MOST_PROBLEMS = 20
-"""Number of problems that a message lists; the attribute ``problems`` has all."""
+MOST_PROBLEMS, MOST_LINES = 10, 20
+"""Number of problems that a message lists, and their lines of 80 characters; the attribute ``problems`` has all."""
 
 LONGEST_VALUE, LONGEST_MESSAGE = 300, 6000
 """Characters of a received value in a message, and of a whole message; attributes have all."""
@@ -172,13 +172,14 @@ class ConfigErrors(ConfigError):
         super().__init__(first.file, first.key, first.got, first.expected, first.choices)
         self.suggestions = first.suggestions
         self.problems = tuple(problems)
-        self.args = (f"{len(problems)} problems:\n{_listed(self.problems)}",)
+        self.args = (f"{len(problems)} problems in the config:\n{_listed(self.problems)}",)
 
 
 def _listed(problems: Sequence[object]) -> str:
     more = len(problems) - MOST_PROBLEMS
     rest = [f"  ... and {more} more"] if more > 0 else []
-    return "\n".join([*(f"  - {shortened(str(each))}" for each in problems[:MOST_PROBLEMS]), *rest])
+    length = 80 * (MOST_LINES // max(1, min(len(problems), MOST_PROBLEMS))) - 4
+    return "\n".join([*(f"  - {shortened(str(each), length)}" for each in problems[:MOST_PROBLEMS]), *rest])
 
 
 def as_one_error(found: Sequence[ConfigError]) -> ConfigError:

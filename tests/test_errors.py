@@ -72,7 +72,7 @@ def test_a_message_shortens_what_came() -> None:
         errors.RunFolderError(long),
     ):
         assert len(str(error)) <= errors.LONGEST_MESSAGE
-    assert "... and 980 more" in str(errors.ModelError("arm", ["no mass"] * 1000))
+    assert "... and 990 more" in str(errors.ModelError("arm", ["no mass"] * 1000))
     assert errors.shortened("abcdefghijklmnop", 11) == "abc ... nop"
 
 

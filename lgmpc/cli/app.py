@@ -107,11 +107,7 @@ def live(
     duration: Annotated[
         float, typer.Option(min=1.0, help="Longest simulated time of a run, s; all of it is kept in memory.")
     ] = 300.0,
-    host: Annotated[
-        str, typer.Option(help="Address of this machine to serve the page at. Others than 127.0.0.1 require --token.")
-    ] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any free one.")] = 8080,
-    token: Annotated[str, typer.Option(help="Secret that the page's address has to contain.", show_default=False)] = "",
     browser: Annotated[bool, typer.Option(help="Open the page in a browser on this machine.")] = True,
 ) -> None:
     """Simulate a config in real time, shown on a page that also drives it: commands, pushes, settings, world.
@@ -127,7 +123,7 @@ def live(
         return load_config(config, [*overrides, *more])
 
     console = err()
-    with Viewing(host, port, token, browser).open(lambda message: console.print(message, markup=False), load) as link:
+    with Viewing(port, browser).open(lambda message: console.print(message, markup=False), load) as link:
         from lgmpc.cli.running import live_shown
 
         live_shown(load(), link, out, duration)

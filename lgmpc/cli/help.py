@@ -49,7 +49,7 @@ live
 lgmpc live solo12_velocity
 lgmpc live go2_velocity world=stairs_5cm
 lgmpc live solo12_balance --port 0 --no-browser
-lgmpc live solo12_velocity --host 0.0.0.0 --token $(openssl rand -hex 16)
+lgmpc live solo12_velocity --no-browser     for another machine: ssh -L 8080:127.0.0.1:8080 user@this
 
 solve
 lgmpc solve solo12_trot

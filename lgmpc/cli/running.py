@@ -59,7 +59,7 @@ def run_shown(
 def _viewed(
     config: Config, folder: Path, *, notify: Callable[[str], None], progress: Callable[[Progress], None]
 ) -> FinishedRun:
-    from lgmpc.live.running import viewed_config
+    from lgmpc.live.session import viewed_config
     from lgmpc.live.viewing import Viewing
 
     with Viewing(port=0).open(notify) as link:
@@ -68,7 +68,7 @@ def _viewed(
 
 def live_shown(config: Config, link: Link, folder: Path, duration_s: float) -> None:
     """Simulate ``config`` in real time, driven from a page, and print where the run was saved."""
-    from lgmpc.live.running import live_config
+    from lgmpc.live.session import live_config
 
     console = err()
     with warnings_on(console):

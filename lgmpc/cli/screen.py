@@ -26,19 +26,13 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from lgmpc import __version__
-from lgmpc.errors import ConfigError, Interrupted, LgmpcError, ModelError, legible, shortened
+from lgmpc.errors import Interrupted, LgmpcError, legible, shortened
 
 if TYPE_CHECKING:
     from lgmpc.runs import RunResult, SolveResult, Verdict
     from lgmpc.runs.tables import Table
 
 __all__ = ["err", "guarded", "out", "print_result", "show_next", "show_page", "show_table", "show_verdict"]
-
-MOST_PROBLEMS = 10
-"""Largest number of printed problems of one config."""
-
-MOST_LINES = 20
-"""Largest number of lines of 80 characters of all printed problems of one config."""
 
 _STYLES = {"": "", "good": "", "bad": "red", "strong": "bold", "weak": "dim"}
 _NUMBER = re.compile(r"([<>]=? )?-?[0-9.]*(e[+-][0-9]+)?( %)?")
@@ -93,23 +87,7 @@ def show_table(table: Table) -> None:
 
 def _show_error(error: LgmpcError) -> None:
     """Print an error of the user's input."""
-    console = err()
-    head, problems = _parts(error)
-    console.print(Text.assemble(("error: ", "bold red"), head))
-    length = 80 * (MOST_LINES // max(1, min(len(problems), MOST_PROBLEMS))) - 4
-    for problem in problems[:MOST_PROBLEMS]:
-        console.print(Text(f"  - {shortened(problem, length)}"))
-    if len(problems) > MOST_PROBLEMS:
-        console.print(f"  ... and {len(problems) - MOST_PROBLEMS} more")
-
-
-def _parts(error: LgmpcError) -> tuple[str, list[str]]:
-    """Return a headline and, if there are several problems, all of them."""
-    if isinstance(error, ModelError):
-        return f"robot '{shortened(error.robot)}' cannot be used", list(error.problems)
-    if isinstance(error, ConfigError) and len(error.problems) > 1:
-        return f"{len(error.problems)} problems in the config", [str(problem) for problem in error.problems]
-    return str(error), []
+    err().print(Text.assemble(("error: ", "bold red"), str(error)))
 
 
 def _show_interrupted() -> None:

@@ -5,7 +5,7 @@ The loop's process paces the simulation (:mod:`lgmpc.live.session`) and writes p
 what the user asks for (:mod:`lgmpc.live.wishes`). The loop never waits for the page, and survives it::
 
     with Viewing().open(print) as link:                     # lgmpc.live.viewing
-        live_config(load_config("solo12_velocity"), link)   # lgmpc.live.running
+        live_config(load_config("solo12_velocity"), link)   # lgmpc.live.session
 
 Nothing is imported here: the page is open before the rest is loaded.
 """

@@ -19,9 +19,9 @@ import pinocchio as pin
 
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession, failed
-from lgmpc.config.execution import save_run
+from lgmpc.config.execution import FinishedRun, run_session, save_run
 from lgmpc.config.schema import Change, Config
-from lgmpc.config.session import StopSignals
+from lgmpc.config.session import ProgressReport, Session, StopSignals, ignore, stop_signals
 from lgmpc.errors import InputError, LgmpcError
 from lgmpc.live.ring import RingWriter
 from lgmpc.live.tuning import Tuner
@@ -31,8 +31,19 @@ from lgmpc.locomotion.command import CommandEntry, MotionCommand
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
+from lgmpc.world.settings import named_world
 
-__all__ = ["EXTRAS", "PICTURE_S", "LiveRun", "PageCommands", "Publisher", "Pulls", "ShownRun"]
+__all__ = [
+    "EXTRAS",
+    "PICTURE_S",
+    "LiveRun",
+    "PageCommands",
+    "Publisher",
+    "Pulls",
+    "ShownRun",
+    "live_config",
+    "viewed_config",
+]
 
 PICTURE_S = 1.0 / 60.0
 """Least time between two pictures, s."""
@@ -172,7 +183,7 @@ class ShownRun:
         self._shown_at = self._asked_at = -math.inf
         self._begin_to_pace()
         self._speed = 1.0
-        self.check: Callable[[None], None] = _nothing
+        self.check: Callable[[None], None] = ignore
         gaits = tuple(session.controller.feet.gaits)
         link.send(Started(self._publisher.ring.name, config, gaits, tuple(config.maneuvers), **started))
 
@@ -276,11 +287,11 @@ class LiveRun(ShownRun):
         Raises:
             Interrupted: by a signal, after the run was saved.
         """
-        with self._stop.deferred(_nothing) as self.check:
+        with self._stop.deferred(ignore) as self.check:
             try:
                 self._begin_to_pace()
                 try:
-                    self._session.advance(_nothing)
+                    self._session.advance(ignore)
                 except Exception as error:
                     self._failure = failed(error, self._time)
                 self._publisher.write(0.0, True)
@@ -338,5 +349,70 @@ class LiveRun(ShownRun):
         self.saved = save_run(config, result, self._out)
 
 
-def _nothing(_: object) -> None:
-    pass
+def live_config(
+    config: Config,
+    link: Link,
+    out: str | Path = "runs",
+    *,
+    duration_s: float = 300.0,
+    notify: Callable[[str], None] = print,
+) -> Path | None:
+    """Simulate ``config`` in real time, driven from a page, until Ctrl-C; return the folder of the last saved run.
+
+    Commands, pushes and changes of the config are left out: the page gives them.
+
+    Args:
+        config: the closed loop.
+        link: to the page, from :meth:`lgmpc.live.viewing.Viewing.open`.
+        out: folder of run folders.
+        duration_s: longest simulated time of a run, all of which is kept in memory.
+        notify: called with a description of what is being prepared.
+
+    Raises:
+        LgmpcError: what cannot be built.
+    """
+    nothing = {"commands": (), "pushes": (), "changes": ()}
+    config = config.replace({**nothing, "duration_s": duration_s, "after_fall_s": None})
+    saved: Path | None = None
+    with stop_signals() as stop:
+        run = LiveRun(config, link, stop, Path(out), notify)
+        while True:
+            notify("simulating in real time; Ctrl-C saves the run")
+            try:
+                run.run()
+            except KeyboardInterrupt:
+                return run.saved or saved
+            finally:
+                run.close()
+            saved, wish = run.saved or saved, run.after
+            assert wish is not None
+            try:
+                following = config.replace({"world": named_world(wish.world)}) if wish.world else config
+                run, config = LiveRun(following, link, stop, Path(out), notify), following
+            except LgmpcError as error:
+                run = LiveRun(config, link, stop, Path(out), notify)
+                link.send(Note(str(error), error=True))
+
+
+def viewed_config(
+    config: Config,
+    link: Link,
+    out: str | Path = "runs",
+    *,
+    notify: Callable[[str], None] = ignore,
+    progress: ProgressReport = ignore,
+) -> FinishedRun:
+    """Run ``config`` as :func:`lgmpc.config.execution.run_config` does, in real time and shown on a page."""
+    shown: list[ShownRun] = []
+
+    def prepared(announce: Callable[[str], None]) -> Session:
+        session = prepare(config, notify=announce)
+        assert isinstance(session, ClosedLoopSession)
+        shown.append(ShownRun(config, session, link))
+        return session
+
+    try:
+        return run_session(config, prepared, out, notify=notify, progress=progress)
+    finally:
+        for each in shown:
+            each.close()

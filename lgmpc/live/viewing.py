@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.util
 import multiprocessing
 import os
-import re
 import signal
 import socket
 import sys
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["Link", "Viewing", "view"]
 
 _OPENING_S = 60.0
-_OWN = ("127.0.0.1", "localhost", "::1")
-_TOKEN = re.compile(r"[A-Za-z0-9_-]*")
+_HOST = "127.0.0.1"
+"""viser has no access control: other machines come through ssh."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +64,11 @@ class Viewing:
     """Where the page is served.
 
     Attributes:
-        host: address of this machine to listen at.
         port: to listen at; 0 for any free one.
-        token: secret that the page's address contains; required of any other address than this machine's own.
         browser: whether to open a browser on this machine.
     """
 
-    host: str = "127.0.0.1"
     port: int = 8080
-    token: str = ""
     browser: bool = True
 
     @contextmanager
@@ -91,13 +86,9 @@ class Viewing:
         """
         if importlib.util.find_spec("viser") is None:
             raise MissingDependencyError("viser", "lgmpc live", 'pip install "lgmpc[live]"')
-        if self.host not in _OWN and not self.token:
-            raise InputError("--token", "none", f"a secret, because {self.host} may be reached from other machines")
-        if not _TOKEN.fullmatch(self.token):
-            raise InputError("--token", repr(self.token), "letters, digits, - and _")
         context = multiprocessing.get_context("spawn")
         mine, theirs = context.Pipe()
-        process = context.Process(target=view, args=(theirs, self.host, self._free_port(), self.token), daemon=True)
+        process = context.Process(target=view, args=(theirs, self._free_port()), daemon=True)
         process.start()
         theirs.close()
         link = Link(mine)
@@ -125,35 +116,29 @@ class Viewing:
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                probe.bind((self.host, self.port))
+                probe.bind((_HOST, self.port))
             except OSError as error:
-                words = f"{self.host}:{self.port} ({error.strerror})"
+                words = f"{_HOST}:{self.port} ({error.strerror})"
                 raise InputError("--port", words, "a free one; 0 takes any") from error
             return int(probe.getsockname()[1])
 
 
-def view(pipe: Connection, host: str, port: int, token: str = "") -> None:
+def view(pipe: Connection, port: int) -> None:
     """Serve the page until the loop's end of the pipe closes.
 
     Args:
         pipe: to the loop, which is sent the page's address first.
-        host: address of this machine to listen at.
         port: to listen at.
-        token: that the page's address has to contain, if any.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal is for the loop, which ends this process
     os.nice(5)  # where there are not enough cores, the loop comes first
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # viser prints its own addresses
     import viser
 
-    server = viser.ViserServer(*(("127.0.0.1", 0) if token else (host, port)), verbose=False)
+    server = viser.ViserServer(_HOST, port, verbose=False)
     server.request_share_url = lambda *_, **__: None  # viser's tunnel would publish the page
     server.gui.configure_theme(show_logo=False, show_share_button=False)
-    if token:
-        from lgmpc.live.door import open_door
-
-        open_door(host, port, server.get_port(), token)
-    pipe.send(f"http://{host}:{port}{f'/?token={token}' if token else ''}")
+    pipe.send(f"http://{_HOST}:{port}")
     try:
         _serve(server, pipe)
     except (EOFError, OSError):

@@ -165,12 +165,6 @@ def test_a_run_that_does_not_exist_is_refused(command: str, invoke: Invoke, tmp_
     assert_one_screen(output)
 
 
-def test_a_schema_that_cannot_be_written_is_refused(invoke: Invoke, tmp_path: Path) -> None:
-    code, output = invoke("schema", "--out", tmp_path / "no" / "schema.json")
-    assert code == 2
-    assert "--out" in output and "No such file" in output
-
-
 LONG_NAMES = {"name": "a" * 300, "path": "/".join(["b" * 100] * 50)}
 LONG = {
     "check": ["check", "LONG"],

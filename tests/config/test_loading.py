@@ -181,7 +181,7 @@ def test_all_problems_are_listed_at_once(small: str) -> None:
     with pytest.raises(ConfigErrors) as caught:
         parse_config(small + "plant:\n  friction: 0\n  kindd: x\n", name="f.yaml", overrides=["seed=x", "mpc.nodes=0"])
     assert {problem.key for problem in caught.value.problems} == {"plant.friction", "plant.kindd", "seed", "mpc.nodes"}
-    assert str(caught.value).startswith("4 problems:\n  - ")
+    assert str(caught.value).startswith("4 problems in the config:\n  - ")
     assert all(str(problem) in str(caught.value) for problem in caught.value.problems)
 
 

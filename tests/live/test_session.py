@@ -221,18 +221,6 @@ def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config)
     assert not pulls.is_active(0.001)
 
 
-@pytest.mark.parametrize(
-    ("viewing", "words"),
-    [
-        (Viewing("0.0.0.0"), "--token.*0.0.0.0 may be reached from other machines"),
-        (Viewing("0.0.0.0", token="a b"), "--token.*letters"),
-    ],
-)
-def test_another_address_needs_a_token(viewing: Viewing, words: str) -> None:
-    with pytest.raises(InputError, match=words), viewing.open(print):
-        pass
-
-
 def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

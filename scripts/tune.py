@@ -26,13 +26,12 @@ from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import metric_names
 from lgmpc.sweeps import FinishedSweep, Sweep, load_sweep, run_sweep
 from lgmpc.sweeps.comparison import higher_is_better
-from lgmpc.sweeps.design import value_at
 
 
 def distribution_of(text: str, sweep: Sweep) -> tuple[str, Any, BaseDistribution]:
     """Return key, present value and distribution of ``KEY=LOW:HIGH`` or ``KEY=LOW:HIGH:log``."""
     key, _, ends = text.partition("=")
-    present = value_at(sweep.points[0].config, key)
+    present = sweep.points[0].config.value(key)
     whole = isinstance(present, int)
     try:
         low, high = map(int if whole else float, ends.removesuffix(":log").split(":"))

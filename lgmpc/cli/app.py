@@ -359,7 +359,6 @@ def demo(
         typer.Argument(metavar="[NAME]", help="Its name; all are listed if not given.", autocompletion=complete_demo),
     ] = "",
     out: Annotated[Path, typer.Option(help="Folder for table, figure and scene.")] = Path("demos"),
-    figure: Annotated[Literal["png", "svg"], typer.Option("--format", help="Kind of file for the figure.")] = "png",
     view: Annotated[bool, typer.Option(help="Open the scene in a browser, if there is a desktop.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
 ) -> int | None:
@@ -373,7 +372,7 @@ def demo(
     if not name:
         list_demos()
         return None
-    return show_demo(name, out, figure, view=view, as_json=as_json)
+    return show_demo(name, out, view=view, as_json=as_json)
 
 
 @_command

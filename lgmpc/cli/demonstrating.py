@@ -25,13 +25,12 @@ def list_demos() -> None:
     out().print("next: lgmpc demo NAME", style="dim")
 
 
-def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) -> int:
+def show_demo(name: str, folder: Path, *, view: bool, as_json: bool) -> int:
     """Run a demonstration, print its table, write its files, open its scene, and return the exit code.
 
     Args:
         name: of the demonstration.
         folder: of its files.
-        kind: of the figure's file, "png" or "svg".
         view: open the scene in a browser, if it has one and there is a desktop.
         as_json: print the table as JSON.
     """
@@ -49,7 +48,7 @@ def show_demo(name: str, folder: Path, kind: str, *, view: bool, as_json: bool) 
     with atomic_write(written[0]) as stream:
         stream.write(_json(demo, outcome).encode("utf-8"))
     if outcome.panels:
-        written.append(draw_demo(demo, outcome, folder / f"{name}.{kind}"))
+        written.append(draw_demo(demo, outcome, folder / f"{name}.png"))
     page = demo_page(demo, outcome) if outcome.bodies else ""
     if page:
         written.append(write_page(page, folder / f"{name}.html"))

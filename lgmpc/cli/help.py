@@ -100,7 +100,7 @@ lgmpc compare sweeps/before sweeps/after --json | jq .quantities
 demo
 lgmpc demo                                 the list
 lgmpc demo dzhanibekov                     a body that keeps turning over
-lgmpc demo integrators --out /tmp/demo --format svg --no-view
+lgmpc demo integrators --out /tmp/demo --no-view
 
 check
 lgmpc check solo12_balance

@@ -12,7 +12,7 @@ from pydantic.fields import FieldInfo
 
 from lgmpc.config.schema import Config
 from lgmpc.live.wishes import Tune
-from lgmpc.settings import LARGEST, Settings
+from lgmpc.settings import LARGEST
 
 __all__ = ["SettingControls", "add_worlds", "bounds_of", "field_of"]
 
@@ -97,12 +97,9 @@ def _nice(value: float) -> float:
 
 def field_of(config: Config, key: str) -> FieldInfo:
     """Return the field of a dotted key."""
-    value: Any = config
-    *sections, name = key.split(".")
-    for section in sections:
-        value = value[int(section)] if section.isdecimal() else getattr(value, section)
-    assert isinstance(value, Settings)
-    return type(value).model_fields[name]
+    section, _, name = key.rpartition(".")
+    found: FieldInfo = type(config.value(section)).model_fields[name]
+    return found
 
 
 def bounds_of(field: FieldInfo) -> tuple[float | None, float | None]:

@@ -73,7 +73,7 @@ class Tuner:
     @property
     def values(self) -> dict[str, Any]:
         """The present values by key."""
-        return {key: _walk(self.config, key) for key in self.keys}
+        return {key: self.config.value(key) for key in self.keys}
 
     def set(self, key: str, value: Any) -> Any:
         """Change a setting, and return its value as read from the controller.
@@ -102,11 +102,5 @@ class Tuner:
         controller = self._controller
         if section == "mpc":
             assert controller.planner is not None
-            return _walk(controller.planner.mpc.settings, rest)
-        return _walk(controller.wbc.settings if section == "wbc" else controller.feet.settings, rest)
-
-
-def _walk(value: Any, key: str) -> Any:
-    for name in key.split("."):
-        value = value[int(name)] if name.isdecimal() else getattr(value, name)
-    return value
+            return controller.planner.mpc.settings.value(rest)
+        return (controller.wbc.settings if section == "wbc" else controller.feet.settings).value(rest)

@@ -116,6 +116,24 @@ class Settings(BaseModel, metaclass=_SettingsType):
             write_at(data, key, value, whole)
         return type(self)(**data)
 
+    def value(self, key: str) -> Any:
+        """Return the value at a dotted key; ``None`` for one that a table of any keys lacks.
+
+        Raises:
+            InputError: no such key; names the nearest.
+        """
+        here: Any = self
+        for part in key.split("."):
+            try:
+                if isinstance(here, Settings):
+                    here = getattr(here, part)
+                else:
+                    here = here[part if isinstance(here, Mapping) else int(part)]
+            except (AttributeError, LookupError, TypeError, ValueError):
+                self.replace({key: None})  # raises, and names the nearest key
+                return None
+        return here
+
     def __repr__(self) -> str:
         """Return the values that are not their defaults, shortened."""
         text = f"{type(self).__name__}({', '.join(f'{key}={_short(value)}' for key, value in self._changed())})"

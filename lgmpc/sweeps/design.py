@@ -35,7 +35,7 @@ from lgmpc.sweeps.settings import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["Point", "Sweep", "load_sweep", "parse_sweep", "scaled", "value_at"]
+__all__ = ["Point", "Sweep", "load_sweep", "parse_sweep", "scaled"]
 
 
 @dataclass(frozen=True)
@@ -280,25 +280,7 @@ def scaled(config: Config, key: str, value: float) -> Config:
     Raises:
         InputError: no such key, it is neither a number nor a vector, or the value is invalid.
     """
-    present = value_at(config, key)
+    present = config.value(key)
     if isinstance(present, (list, tuple)) and present and all(isinstance(each, (int, float)) for each in present):
         return config.replace({key: tuple(value * each for each in present)})
     return config.replace({key: value})
-
-
-def value_at(config: Config, key: str) -> Any:
-    """Return the value at a dotted key, as plain tables, lists and values.
-
-    Raises:
-        InputError: no such key; names the nearest.
-    """
-    present: Any = config.model_dump()
-    for part in key.split("."):
-        if isinstance(present, dict) and part in present:
-            present = present[part]
-        elif isinstance(present, (list, tuple)) and part.isdecimal() and int(part) < len(present):
-            present = present[int(part)]
-        else:
-            config.replace({key: None})  # raises, and names the nearest key
-            return None  # a table of any keys, which lacks this one
-    return present

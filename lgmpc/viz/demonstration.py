@@ -23,10 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-__all__ = ["FORMATS", "demo_page", "draw_demo"]
-
-FORMATS = ("png", "svg")
-"""File formats of figures."""
+__all__ = ["demo_page", "draw_demo"]
 
 _LONG_LEGEND = 4
 """Largest number of legend entries inside the axes; longer legends are beside them."""
@@ -39,17 +36,14 @@ _CLEARANCE = 0.12
 
 
 def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
-    """Draw the panels of a demonstration into one file, PNG or SVG by the file's ending.
+    """Draw the panels of a demonstration into one PNG file.
 
     Raises:
-        InputError: another ending, or nothing to draw.
+        InputError: nothing to draw.
         RunFolderError: the file cannot be written.
         MissingDependencyError: matplotlib is not installed.
     """
     path = Path(file)
-    kind = path.suffix.removeprefix(".")
-    if kind not in FORMATS:
-        raise InputError("file", path.name, f"a name that ends in {' or '.join(FORMATS)}")
     if not outcome.panels:
         raise InputError("outcome", "no panel", "something to draw")
     columns = min(len(outcome.panels), 3 if len(outcome.panels) != 4 else 2)
@@ -64,7 +58,7 @@ def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
             axes.set_axis_off()
         figure.suptitle(f"{demo.name} · {demo.summary}", x=0.01, ha="left", fontsize=9, color=SOFT)
         with atomic_write(path) as stream:
-            figure.savefig(stream, format=kind)
+            figure.savefig(stream, format="png")
     return path
 
 

@@ -51,12 +51,12 @@ def test_every_module_is_listed() -> None:
 
 def test_a_demonstration_prints_its_table_and_writes_its_files(invoke, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("LGMPC_JIT", "0")
-    code, text = invoke("demo", "solo12-momentum", "--out", tmp_path / "here", "--format", "svg", "--no-view")
+    code, text = invoke("demo", "solo12-momentum", "--out", tmp_path / "here", "--no-view")
     assert code == 0, text
     assert "AGREES" in text and "predicted" in text
     assert {file.name for file in (tmp_path / "here").iterdir()} == {
         "solo12-momentum.json",
-        "solo12-momentum.svg",
+        "solo12-momentum.png",
         "solo12-momentum.html",
     }
 

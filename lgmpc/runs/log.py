@@ -326,8 +326,8 @@ class RunLog(ArrayFile):
 
     def _part(self, ticks: slice, updates: slice) -> RunLog:
         names = [name for table in self._tick_tables() for name in table]
-        kept: dict[str, Any] = {name: getattr(self, name)[ticks].copy() for name in names}
-        kept |= {name: getattr(self, name)[updates].copy() for name in MPC_CHANNELS}
+        kept: dict[str, Any] = {name: getattr(self, name)[ticks] for name in names}
+        kept |= {name: getattr(self, name)[updates] for name in MPC_CHANNELS}
         return replace(self, **kept)
 
 

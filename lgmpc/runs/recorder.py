@@ -27,7 +27,8 @@ class LogSettings(Settings):
     """Settings of the saved log."""
 
     rate_hz: Positive = Field(
-        default=500.0, description="Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged."
+        default=500.0,
+        description="Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged, and in memory until then.",
     )
 
 

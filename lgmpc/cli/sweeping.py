@@ -136,8 +136,9 @@ def _show_comparison(console: Console, found: Comparison, *, quiet: bool) -> Non
             show_table(Table(("key", "A", "B"), rows))
         else:
             console.print("the configs are the same", style="dim")
-        if found.log:
-            console.print(Text(f"the logs differ first {found.log}", "dim"))
+        if found.log is not None:
+            words = f"differ first {found.log}" if found.log else "are equal, bit for bit"
+            console.print(Text(f"the logs {words}", "dim"))
         marks = ["bad" if each.worse else "" if each.worsening is None else "good" for each in found.quantities]
         show_table(Table(("quantity", "A", "B", "B - A", ""), [*map(_cells, found.quantities)], marks))
     word, style = ("WORSE", "bold red") if found.worse else ("NOT WORSE", "bold green")

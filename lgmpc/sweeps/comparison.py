@@ -59,7 +59,8 @@ class Comparison:
         margin: share by which the second may be worse.
         differences: keys of the configs, or of the documents of the sweeps, that differ.
         quantities: quantities measured on both sides.
-        log: the first bitwise difference of the logs of two closed loops in words; empty if there is none.
+        log: the first bitwise difference of the logs of two closed loops in words; empty if they are equal,
+            ``None`` of sweeps and of solved problems.
         reasons: sentences on why the second is worse; empty if it is not.
     """
 
@@ -69,7 +70,7 @@ class Comparison:
     differences: tuple[Difference, ...]
     quantities: tuple[Quantity, ...]
     reasons: tuple[str, ...]
-    log: str = ""
+    log: str | None = None
 
     @property
     def worse(self) -> bool:
@@ -123,8 +124,7 @@ def compare_folders(first: Path, second: Path, *, margin: float = 0.05, metrics:
         if name not in [each.name for each in quantities]:
             raise InputError("metric", name, "a metric of both", [each.name for each in quantities], word=name)
     reasons += [_sentence(each) for each in quantities if each.worse]
-    logs = first_difference(a.log, b.log) if isinstance(a, Run) and isinstance(b, Run) else None
-    where = "" if logs is None else str(logs)
+    where = str(first_difference(a.log, b.log) or "") if isinstance(a, Run) and isinstance(b, Run) else None
     return Comparison(str(first), str(second), margin, tuple(differences), tuple(quantities), tuple(reasons), where)
 
 

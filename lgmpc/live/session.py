@@ -38,7 +38,6 @@ __all__ = [
     "PICTURE_S",
     "LiveRun",
     "PageCommands",
-    "Publisher",
     "Pulls",
     "ShownRun",
     "live_config",
@@ -137,33 +136,6 @@ class Pulls(PushSchedule):
         return np.concatenate([force, np.cross(grip - self._plant.body_point(body), force)])
 
 
-class Publisher:
-    """Writes pictures of a session into a ring.
-
-    Args:
-        session: the run.
-
-    Attributes:
-        ring: where they are.
-    """
-
-    def __init__(self, session: ClosedLoopSession) -> None:
-        self._controller = session.controller
-        ticks, updates = session.recorder.rows
-        self._parts = (ticks, updates, np.zeros(EXTRAS))
-        self.ring = RingWriter(ticks.size + updates.size + EXTRAS)
-        self._gaits = {name: i for i, name in enumerate(self._controller.feet.gaits)}
-
-    def write(self, speed: float = 1.0, paused: bool = False) -> None:
-        """Write the picture of the last recorded tick."""
-        report, ground = self._controller.report, self._controller.feet.ground
-        x, y, _ = report.com.tolist()
-        self._parts[2][:] = (
-            speed, paused, self._gaits.get(report.gait.name, -1), *ground.slope, x, y, ground.height_at(x, y)
-        )  # fmt: skip
-        self.ring.write(*self._parts)
-
-
 class ShownRun:
     """A run in real time that a viewer shows; the page changes its pace.
 
@@ -176,7 +148,9 @@ class ShownRun:
 
     def __init__(self, config: Config, session: ClosedLoopSession, link: Link, **started: Any) -> None:
         self._session, self._link = session, link
-        self._publisher = Publisher(session)
+        ticks, updates = session.recorder.rows
+        self._parts = (ticks, updates, np.zeros(EXTRAS))
+        self._ring = RingWriter(ticks.size + updates.size + EXTRAS)
         for part in (session, *(earlier for earlier, _ in session.earlier)):
             part.watch = self._watch
         self._pace, self._steps, self._time = Pace(), 0, 0.0
@@ -184,12 +158,20 @@ class ShownRun:
         self._begin_to_pace()
         self._speed = 1.0
         self.check: Callable[[None], None] = ignore
-        gaits = tuple(session.controller.feet.gaits)
-        link.send(Started(self._publisher.ring.name, config, gaits, tuple(config.maneuvers), **started))
+        self._gaits = tuple(session.controller.feet.gaits)
+        link.send(Started(self._ring.name, config, self._gaits, tuple(config.maneuvers), **started))
 
     def close(self) -> None:
         """Give back the memory of the pictures."""
-        self._publisher.ring.close()
+        self._ring.close()
+
+    def _show(self, speed: float, paused: bool) -> None:
+        """Write the picture of the last recorded tick."""
+        report, ground = self._session.controller.report, self._session.controller.feet.ground
+        x, y, _ = report.com.tolist()
+        gait = self._gaits.index(report.gait.name) if report.gait.name in self._gaits else -1
+        self._parts[2][:] = (speed, paused, gait, *ground.slope, x, y, ground.height_at(x, y))
+        self._ring.write(*self._parts)
 
     def _watch(self, tick: Tick) -> bool:
         """Show a tick, keep pace with the clock, and fulfil wishes; return whether the run continues."""
@@ -199,7 +181,7 @@ class ShownRun:
             self._answer()
         if now - self._shown_at > PICTURE_S:
             self._shown_at = now
-            self._publisher.write(self._speed, self._pace.paused)
+            self._show(self._speed, self._pace.paused)
         if self._pace.paused:
             self._wait_for_step()
         self._keep_pace()
@@ -224,7 +206,7 @@ class ShownRun:
             self._speed, self._measured = (self._time - time) / (now - since), (now, self._time)
 
     def _wait_for_step(self) -> None:
-        self._publisher.write(0.0, True)
+        self._show(0.0, True)
         while self._pace.paused and self._steps == 0 and self._continues:
             sleep(_WISHES_S)
             self._answer()
@@ -294,7 +276,7 @@ class LiveRun(ShownRun):
                     self._session.advance(ignore)
                 except Exception as error:
                     self._failure = failed(error, self._time)
-                self._publisher.write(0.0, True)
+                self._show(0.0, True)
                 if self.after is None:
                     ending = self._failure or f"the run ended after {self._time:.1f} s"
                     self._link.send(Note(ending, error=bool(self._failure), over=True))

@@ -166,14 +166,20 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
         MissingDependencyError: if matplotlib is not installed.
     """
     drawn = {}
-    with figure_maker("lgmpc plot") as make:
+    for name, figure in _drawn("lgmpc plot", drawings):
+        figure.suptitle(f"{figure_heading(name)} · {title}", x=0.01, ha="left", fontsize=9, color=SOFT)
+        figure.draw_without_rendering()  # ticks are created when drawn, in the style active then
+        drawn[name] = figure
+    return Plots(drawn, title)
+
+
+def _drawn(purpose: str, drawings: Mapping[str, Drawing], *, vector: bool = False) -> Iterator[tuple[str, Figure]]:
+    """Yield name and figure of the drawings with data, in the common style while it is used."""
+    with figure_maker(purpose, vector=vector) as make:
         for name, draw in drawings.items():
             figure = make()
             if draw(figure):
-                figure.suptitle(f"{figure_heading(name)} · {title}", x=0.01, ha="left", fontsize=9, color=SOFT)
-                figure.draw_without_rendering()  # ticks are created when drawn, in the style active then
-                drawn[name] = figure
-    return Plots(drawn, title)
+                yield name, figure
 
 
 def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
@@ -190,13 +196,10 @@ def svg_figures(drawings: Mapping[str, Drawing]) -> dict[str, str]:
         MissingDependencyError: if matplotlib is not installed.
     """
     drawn = {}
-    with figure_maker("lgmpc report", vector=True) as make:
-        for name, draw in drawings.items():
-            figure = make()
-            if draw(figure):
-                stream = io.StringIO()
-                figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
-                drawn[name] = _for_page(stream.getvalue())
+    for name, figure in _drawn("lgmpc report", drawings, vector=True):
+        stream = io.StringIO()
+        figure.savefig(stream, format="svg", transparent=True, metadata={"Date": None})
+        drawn[name] = _for_page(stream.getvalue())
     return drawn
 
 

@@ -12,7 +12,7 @@ from lgmpc.typing import Array, BoolArray
 from lgmpc.viz.mesh import Mesh
 from lgmpc.viz.scene import Material, Scene
 
-__all__ = ["ROOT", "LiveScene", "wxyz"]
+__all__ = ["ROOT", "LiveScene", "rgb", "wxyz"]
 
 ROOT = "/world"
 """Path of all that is drawn. It is moved against the robot's way, so that the camera follows and can be turned."""
@@ -41,14 +41,14 @@ class LiveScene(Scene):
         if path in self._nodes or material.shadow_only:
             return
         self._nodes[path] = self._api.add_mesh_simple(
-            ROOT + path, mesh.positions, mesh.faces, color=_rgb(material.color), opacity=material.opacity,
+            ROOT + path, mesh.positions, mesh.faces, color=rgb(material.color), opacity=material.opacity,
             side="double" if material.double_sided else "front", cast_shadow=material.opacity == 1.0,
         )  # fmt: skip
 
     def add_segments(self, path: str, points: Array, color: int, opacity: float = 1.0) -> None:
         """Add line segments at ``path`` that join the (2 n, 3) ``points`` in pairs."""
         pairs = points.reshape(-1, 2, 3).astype(np.float32)
-        self._nodes[path] = self._api.add_line_segments(ROOT + path, pairs, colors=_rgb(color), line_width=1.0)
+        self._nodes[path] = self._api.add_line_segments(ROOT + path, pairs, colors=rgb(color), line_width=1.0)
 
     def set(self, path: str, name: str, value: Any) -> None:
         """Do nothing: what viser cannot do is left out, such as an order of drawing."""
@@ -116,5 +116,6 @@ def wxyz(quaternion: Array) -> Array:
     return np.array([w, x, y, z])
 
 
-def _rgb(color: int) -> tuple[int, int, int]:
+def rgb(color: int) -> tuple[int, int, int]:
+    """Return red, green and blue of a colour 0xRRGGBB."""
     return color >> 16 & 255, color >> 8 & 255, color & 255

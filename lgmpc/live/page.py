@@ -17,8 +17,8 @@ from viser import uplot
 
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config
-from lgmpc.lie import quaternion
-from lgmpc.live.canvas import ROOT, LiveScene, wxyz
+from lgmpc.lie import attitude, quaternion
+from lgmpc.live.canvas import ROOT, LiveScene, rgb, wxyz
 from lgmpc.live.controls import SettingControls, add_worlds
 from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
@@ -275,8 +275,8 @@ class Page:
         cell = self._scale.length
         self._server.scene.add_grid(
             f"{ROOT}/ground/floor", infinite_grid=True, cell_size=cell, section_size=5.0 * cell,
-            fade_distance=40.0 * self._height, plane_color=_color(FLOOR_COLOR), plane_opacity=1.0,
-            cell_color=_color(0xCBD3DC), section_color=_color(0x9FABB8), shadow_opacity=0.2, wxyz=wxyz(turn),
+            fade_distance=40.0 * self._height, plane_color=rgb(FLOOR_COLOR), plane_opacity=1.0,
+            cell_color=rgb(0xCBD3DC), section_color=rgb(0x9FABB8), shadow_opacity=0.2, wxyz=wxyz(turn),
             position=(0.0, 0.0, float(floor.height(np.zeros((1, 2)))[0])),
         )  # fmt: skip
         add_solids(scene, world, cell)
@@ -377,10 +377,5 @@ def _curve(name: str, color: str) -> uplot.Series:
 
 def _velocity(log: RunLog) -> Array:
     """Return (n, 2) velocity of the centre of mass ahead and to the left, m/s."""
-    (x, y), yaw = log.momentum[:, :2].T / log.mass_kg, heading(log.base_pose[:, 3:])
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.column_stack((c * x + s * y, c * y - s * x))
-
-
-def _color(color: int) -> tuple[int, int, int]:
-    return color >> 16 & 255, color >> 8 & 255, color & 255
+    x, y = log.momentum[:, :2].T / log.mass_kg
+    return np.column_stack(attitude.turn(-heading(log.base_pose[:, 3:]), x, y))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.lie import quaternion
+from lgmpc.lie import attitude, quaternion
 from lgmpc.robot import Robot
 from lgmpc.runs import RunLog, TrajectoryLog
 from lgmpc.runs.ground import along_ground
@@ -173,9 +173,7 @@ def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: in
 def _add_command(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, height: float) -> None:
     """Add an arrow above the base along the commanded velocity."""
     base, (ahead, left, _) = log.base_pose[frames.ticks], log.command[frames.ticks].T
-    yaw = heading(base[:, 3:])
-    c, s = np.cos(yaw), np.sin(yaw)
-    velocity = np.column_stack((c * ahead - s * left, s * ahead + c * left, 0.0 * yaw))
+    velocity = np.column_stack((*attitude.turn(heading(base[:, 3:]), ahead, left), 0.0 * ahead))
     below = ground.height(base[:, :2])
     tail = np.column_stack((base[:, :2], below + (base[:, 2] - below).max() + 0.3 * height))
     per_speed = Scale(scale.length, SPEED_SHOWN_M_S)

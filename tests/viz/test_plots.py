@@ -106,7 +106,8 @@ def test_figures_without_data_are_left_out(pushed_run, monkeypatch) -> None:
         mpc_ms=empty,
     )
     names = ("contact_forces", "contact_forces_desired", "contact_points", "contact_normals")
-    contacts = {name: np.zeros((log.ticks, 0, 3)) for name in names}
+    contacts = {name: np.zeros((log.ticks, 0, 3)) for name in (*names, "swing_targets", "footholds")}
+    contacts |= {name: np.zeros((log.ticks, 0), dtype=np.int8) for name in ("stance", "contact_states")}
     contacts["contact_clearance"] = np.zeros((log.ticks, 0))
     bare = replace(log, contact_frames=np.zeros(0, dtype=np.str_), mpc_forces=np.zeros((0, 0, 3)), **contacts)
     # The whole-body ticks were timed; there was no MPC and there are no contacts.

@@ -21,7 +21,7 @@ from lgmpc.actions import (
     MultibodyAction,
     RungeKutta4,
 )
-from lgmpc.compile import BatchKernel, Pipeline, find_compiler
+from lgmpc.compile import BatchKernel, Pipeline, find_compiler, reporting
 from lgmpc.costs import ConstraintItem, CostItem, Huber, QuadraticBarrier
 from lgmpc.costs.library import (
     ContactForce,
@@ -147,7 +147,8 @@ def test_costs_do_not_compile_the_dynamics_again(tmp_path: Path, monkeypatch: py
         steps = action.expansion.steps
         inputs = {"x": action.state.nx, "u": action.nu, "x_next": action.state.nx, "p": action.parameters.size}
         outputs = {name: name for name in ("jacobian", "gap", "hessian", "gradient", "cost")}
-        BatchKernel(Pipeline(action.name, inputs, steps, outputs), messages.append)
+        with reporting(messages.append):
+            BatchKernel(Pipeline(action.name, inputs, steps, outputs))
     started = [message for message in messages if "once, later runs load it" in message]
     assert len(started) == 1 and "'second_costs'" in started[0]
 

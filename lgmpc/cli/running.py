@@ -93,9 +93,6 @@ def _show_run(run: FinishedRun, *, quiet: bool) -> None:
     if not quiet:
         if run.session.certificate is not None:
             console.print(_certified(run.session.certificate))
-            if run.session.certificate.without_limit:
-                peaks = "; ".join(map(str, run.session.certificate.without_limit))
-                console.print(Text(f"without a limit: {peaks}", "dim"))
         failed = run.session.verdict.outcome is Outcome.FAIL
         show_next(console, run.folder.path, *((("explain", "the events that led to the failure"),) if failed else ()))
 

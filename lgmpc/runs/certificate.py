@@ -32,11 +32,9 @@ class Certificate:
 
     Attributes:
         checks: the smallest margins, in order of display; without those for which the log has no data.
-        without_limit: largest values of the quantities for which the config has no limit: measured, not certified.
     """
 
     checks: tuple[Nearest, ...]
-    without_limit: tuple[Nearest, ...] = ()
 
     @property
     def certified(self) -> bool:
@@ -51,9 +49,7 @@ class Certificate:
     def content(self) -> dict[str, Any]:
         """Return it as plain values."""
         checks = [asdict(each) | {"kept": each.kept} for each in self.checks]
-        names = ("name", "subject", "time_s", "value", "unit")
-        peaks = [{name: getattr(each, name) for name in names} for each in self.without_limit]
-        return {"certified": self.certified, "checks": checks, "without_limit": peaks}
+        return {"certified": self.certified, "checks": checks}
 
 
 @dataclass(frozen=True)
@@ -101,7 +97,7 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
     if log.ticks < 2:
         return Certificate(())
     checks = (quantity.smallest(time) for quantity, time in _quantities(log, joints, balances))
-    return Certificate(tuple(each for each in checks if each is not None), tuple(_peaks(log, joints)))
+    return Certificate(tuple(each for each in checks if each is not None))
 
 
 def _quantities(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iterator[tuple[Limited, Array]]:
@@ -123,20 +119,6 @@ def _quantities(log: RunLog, joints: JointLimits, balances: Balances | None) -> 
         yield highest("torque at its speed", "N.m", names, torque, joints.line.torque(driving)), log.time
     if balances is not None:
         yield from _balanced(log, balances)
-
-
-def _peaks(log: RunLog, joints: JointLimits) -> Iterator[Nearest]:
-    """Yield the largest powers that have no limit: of a joint without a torque-speed line, and of all joints."""
-    names = log.joint_names.tolist()
-    if not names:
-        return
-    power = joint_power(log)
-    if joints.line is None:
-        tick, joint = np.unravel_index(int(np.argmax(power)), power.shape)
-        yield Nearest("power", names[int(joint)], float(log.time[tick]), float(power[tick, joint]), "W")
-    total = np.maximum(power, 0.0).sum(axis=1)  # no regeneration: braking joints do not supply others
-    tick = np.argmax(total)
-    yield Nearest("total power", "", float(log.time[tick]), float(total[tick]), "W")
 
 
 def _balanced(log: RunLog, balances: Balances) -> Iterator[tuple[Limited, Array]]:

@@ -6,7 +6,7 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -46,8 +46,6 @@ class Explanation:
         earlier: number of events of each name before the chain.
         nearest: smallest margin of each limited quantity up to the failure, in order of the share used. Slip without
             a limit is not among them.
-        log: the finite part of the run's log.
-        quantities: its quantities with limits, over time.
     """
 
     name: str
@@ -59,8 +57,6 @@ class Explanation:
     events: tuple[Event, ...]
     earlier: Mapping[str, int]
     nearest: tuple[Nearest, ...]
-    log: RunLog = field(repr=False)
-    quantities: tuple[Limited, ...] = field(repr=False)
 
     @property
     def replay_from_s(self) -> float | None:
@@ -80,7 +76,6 @@ class Explanation:
         """Return it as plain values for JSON, without the arrays."""
         content = {each.name: getattr(self, each.name) for each in fields(self)}
         content["replay_from_s"] = self.replay_from_s
-        del content["log"], content["quantities"]
         content |= {name: [asdict(each) for each in content[name]] for name in ("events", "nearest")}
         return cast("dict[str, Any]", json_values(content))
 
@@ -119,7 +114,7 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
         nearest += gate_figures(run.result.metrics, gate)
     nearest.sort(key=lambda each: -each.used)
     found_out = (failed_s, failure.words, _summary(failure, chain, nearest), chain, earlier, tuple(nearest))
-    return Explanation(run.result.name, verdict.outcome, verdict.reasons, *found_out, log, quantities)
+    return Explanation(run.result.name, verdict.outcome, verdict.reasons, *found_out)
 
 
 class _Failure(NamedTuple):

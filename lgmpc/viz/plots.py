@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "draw_contact_rows", "plot_run", "run_drawings"]
+__all__ = ["FIGURES", "plot_run", "run_drawings"]
 
 _DETAIL_STRIDES = 6.0
 """Number of gait cycles in the detailed views."""
@@ -146,7 +146,7 @@ def _gait(figure: Figure, log: RunLog) -> bool:
     figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
     whole, detail = figure.subplots(2, 1)
     for axes in (whole, detail):
-        draw_contact_rows(axes, log)
+        _draw_contact_rows(axes, log)
         finish(log, axes)
     whole.set_title("Stances, and below each the measured contact")
     detail.set(title="Detail", xlabel="time, s", xlim=_detail(log))
@@ -189,7 +189,7 @@ def _detail(log: RunLog) -> tuple[float, float]:
     return begin, min(begin + _DETAIL_STRIDES * stride, float(log.time[-1]))
 
 
-def draw_contact_rows(axes: Axes, log: RunLog) -> None:
+def _draw_contact_rows(axes: Axes, log: RunLog) -> None:
     """Draw a row for each foot: bars coloured by its contact state, above the measured contact."""
     feet = log.contact_frames.tolist()
     touching = log.closed

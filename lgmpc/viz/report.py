@@ -19,7 +19,6 @@ from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.forensics import Explanation
 from lgmpc.runs.tables import events_table, figures_table, limits_table, margins_table
-from lgmpc.viz.explanation_plots import draw_explanation
 from lgmpc.viz.figure_files import Drawing, figure_heading, svg_figures
 from lgmpc.viz.page import filled
 from lgmpc.viz.plots import run_drawings
@@ -148,10 +147,9 @@ def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, gro
             limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
             yield section("Figures of merit", table(*limits_table(limited)), _all(flat_metrics(metrics)))
         yield section("Figures", figures(run_drawings(run)))
-        drawn = figures({"events": partial(draw_explanation, explanation=explanation)})
         events = table(*events_table(explanation.events, explanation.failed_s, explanation.failure))
         again = f"to repeat it up to the first event, with other settings from then on: {explanation.command(run.path)}"
-        yield section("Events", words([again] if explanation.events else []), events, drawn)
+        yield section("Events", words([again] if explanation.events else []), events)
         until = "" if explanation.failed_s is None else ", until the failure"
         yield section(f"Nearest to limits{until}", table(*margins_table(explanation.nearest)))
         if result.certificate is not None:
@@ -193,8 +191,7 @@ def _certificate(certificate: Certificate) -> str:
     marks = ["good" if each.kept else "bad" for each in certificate.checks]
     checks = margins_table(certificate.checks, "check, until a fall")._replace(marks=marks)
     found = "all checks of physics and hardware passed" if certificate.certified else "not certified"
-    peaks = [f"without a limit in the config: {each}" for each in certificate.without_limit]
-    return section("Certificate", words([found]), table(*checks), words(peaks))
+    return section("Certificate", words([found]), table(*checks))
 
 
 def _all(figures: Mapping[str, float | None]) -> str:

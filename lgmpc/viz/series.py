@@ -22,7 +22,6 @@ __all__ = [
     "draw_forces",
     "draw_joints",
     "draw_xyz",
-    "extremes",
     "finish",
     "friction_words",
     "label_modes",
@@ -99,7 +98,7 @@ def draw_forces(
         left.plot(time, normal[:, k], color=X, label="measured" if planned is not None else "normal force", **style)
         left.set_ylabel(f"{name}, N")
         if limit is not None:
-            at = extremes(limit[:, k])
+            at = _extremes(limit[:, k])
             post = "post" if steps else None
             right.fill_between(time[at], 0.0, limit[at, k], color=Z, alpha=0.18, lw=0.0, step=post)
             right.plot(time, limit[:, k], color=Z, lw=1.0, label=f"{friction} × normal force", **style)
@@ -187,7 +186,7 @@ def _joint_kinds(names: Sequence[str]) -> dict[str, list[int]]:
     return kinds if alike else {}
 
 
-def extremes(values: Array, bins: int = 1500) -> IntArray:
+def _extremes(values: Array, bins: int = 1500) -> IntArray:
     """Return the (m,) ticks of the least and the greatest of (n,) values in each of ``bins`` parts, all if n is small.
 
     Areas, unlike lines, are not simplified by matplotlib.

@@ -23,7 +23,7 @@ def code_of(error: BaseException) -> int:
     ("error", "code", "words"),
     [
         (ConfigError("f.yaml:3", "a.b", 1, "2"), 2, "error: f.yaml:3: a.b: got 1; expected 2"),
-        (ModelError("arm", ["no mass", "no feet"]), 2, "error: robot 'arm' cannot be used\n  - no mass\n  - no feet"),
+        (ModelError("arm", ["no mass", "no feet"]), 2, "error: robot 'arm' cannot be used:\n  - no mass\n  - no feet"),
         (SolverError("nlp", "failed", "Relax it."), 1, "error: nlp: failed. Relax it."),
         (LgmpcError("[bold]as it is[/bold]"), 2, "error: [bold]as it is[/bold]"),
         (KeyboardInterrupt(), 130, "stopped; nothing was saved"),

@@ -159,25 +159,6 @@ def test_power_beyond_what_the_supply_allows_is_named(certified: Certify) -> Non
     assert next(each for each in kept.checks if each.name == "power").margin == pytest.approx(1.0)
 
 
-def test_power_without_a_limit_is_measured_and_not_certified(certified: Certify) -> None:
-    def two_joints(arrays: dict[str, np.ndarray]) -> None:
-        moving(arrays, 1.2, 10.0)
-        arrays["v"][100:200, 6 + 5], arrays["tau"][101:200, 5] = -2.0, -1.5
-        arrays["v"][100:200, 6 + 7], arrays["tau"][101:200, 7] = 2.0, -1.5  # what brakes gives nothing to the others
-
-    certificate = certified(two_joints)
-    assert "power" not in [each.name for each in certificate.checks]
-    one, all_together = certificate.without_limit
-    assert (one.name, one.subject, one.unit) == ("power", "joint 3", "W")
-    assert (one.value, one.time_s) == (pytest.approx(12.0), pytest.approx(0.101))
-    assert all_together.value == pytest.approx(12.0 + 3.0) and all_together.subject == ""
-    assert [each.name for each in certified(two_joints, joints=LINE).without_limit] == [all_together.name]
-    again = RunResult.from_json(
-        RunResult("x", Verdict(Outcome.PASS), None, certificate=certificate).to_json()
-    ).certificate
-    assert again == certificate
-
-
 def test_ticks_after_a_missed_one_have_no_power(changed: Callable[[Edit], RunLog]) -> None:
     log = changed(lambda arrays: moving(arrays, 1.2, 10.0))
     keep = np.delete(np.arange(log.ticks), 150)

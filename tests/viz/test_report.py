@@ -92,7 +92,7 @@ def test_the_report_of_a_run_is_whole_and_self_contained(report_file: Path) -> N
         "numpy",
     ):
         assert part in words
-    assert text.count("<svg") == 8  # the events, and seven figures
+    assert text.count("<svg") == 7
     assert all(each.startswith("#") for each in outline.references)
     used = set(re.findall(r"url\(#([^)$]+)\)", text)) | {each[1:] for each in outline.references}
     assert used <= set(re.findall(r'id="([^"]+)"', text))

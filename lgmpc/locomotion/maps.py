@@ -188,15 +188,13 @@ class GridMap:
 
     def height(self, points: Array) -> Array:
         """Return (n,) heights at points (n, 2), m; NaN where one of the four heights around is not known."""
-        place = points / self.cell - self._corner
-        corner = np.floor(place).astype(np.int64)
-        last = len(self.heights) - 2
-        inside = ((corner >= 0) & (corner <= last)).all(axis=1)
-        i, j = np.clip(corner, 0, last).T
-        u, v = (place - corner).T
-        h = self.heights
-        near = (1.0 - v) * h[i, j] + v * h[i, j + 1]
-        far = (1.0 - v) * h[i + 1, j] + v * h[i + 1, j + 1]
+        x, y = points.T / self.cell - self._corner[:, None]
+        h, count = self.heights.reshape(-1), len(self.heights)
+        i, j = x.astype(np.int64), y.astype(np.int64)
+        inside = (x >= 0.0) & (x < count - 1) & (y >= 0.0) & (y < count - 1)
+        first, u, v = np.where(inside, count * i + j, 0), x - i, y - j
+        near = (1.0 - v) * h[first] + v * h[first + 1]
+        far = (1.0 - v) * h[first + count] + v * h[first + count + 1]
         return np.where(inside, (1.0 - u) * near + u * far, np.nan)
 
     def steppable(self, points: Array, radius: float) -> BoolArray:
@@ -207,10 +205,10 @@ class GridMap:
         reach = math.ceil(radius / self.cell - 1e-9)
         if reach not in self._steppable:
             self._steppable[reach] = self._even(reach)
-        nearest = np.round(points / self.cell).astype(np.int64) - self._corner
-        inside = ((nearest >= 0) & (nearest < len(self.heights))).all(axis=1)
-        i, j = np.clip(nearest, 0, len(self.heights) - 1).T
-        found: BoolArray = inside & self._steppable[reach][i, j]
+        i, j = np.round(points.T / self.cell).astype(np.int64) - self._corner[:, None]
+        count = len(self.heights)
+        inside = (i >= 0) & (i < count) & (j >= 0) & (j < count)
+        found: BoolArray = inside & self._steppable[reach].reshape(-1)[np.where(inside, count * i + j, 0)]
         return found
 
     def _even(self, reach: int) -> BoolArray:

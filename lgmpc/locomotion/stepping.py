@@ -2,8 +2,10 @@
 
 Nominal footholds are moved to the nearest point of a patch around them that is steppable: flat as far as the foot and a
 margin reach, within reach of the leg from touchdown to lift-off, clear of the other feet, and with the shank above the
-ground. Heights and normals of footholds are those of the map. The plane under the robot, which its base follows, fits
-the steppable ground below the body best, a little ahead of it: the base leads into stairs.
+ground. A height above the plane under the robot counts as a distance: legs climb one step, not two. A swing under way
+goes on to ground of the height that it was shaped for. Heights and normals of footholds are those of the map. The plane
+under the robot, which its base follows, fits the steppable ground below the body best, a little ahead of it: the base
+leads into stairs.
 
 Map and state estimate differ in height by an offset that drifts; feet that stand measure it.
 """
@@ -12,13 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.maps import ElevationMap
-from lgmpc.locomotion.terrain import PERIOD, TerrainBelief, TerrainBeliefSettings
+from lgmpc.locomotion.terrain import TerrainBelief, TerrainBeliefSettings
 from lgmpc.robot.feet import UP
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
@@ -30,13 +33,33 @@ _LEAD_SHARE = 0.5  # of sqrt(h / g)
 _BODY = (1.25, 1.5)  # length and width of the ground that counts, in distances of the feet
 _SAMPLES = (15, 5)
 _LEAST_SAMPLES = 12
-_EVERY = 0.01  # s; between two choices of the foothold of a swing
+_PERIOD = 0.01  # s; between two looks at the map
+_LASTING_S = 0.05  # of a choice whose nominal foothold stays
+_MOVED = 0.3, 1.0  # in cells of the patch: by more a present, a later nominal foothold has to move for another choice
+_SAME_SHARE = 0.1  # of the height of the centre of mass: a swing goes on to ground of this height
 _STAY_SHARE = 1.5  # of the patch's cell: by so much nearer another point has to be
 _SHANK = np.array([0.4, 0.7, 1.0])  # shares of the way from foot to knee
 _WAY = np.linspace(0.0, 1.0, 13)
 _OFFSET_TIME = 0.15  # s
 _CREDIBLE_SHARE = 0.2  # of the height of the centre of mass: a larger offset is that of another place
 _TURN_S = 0.02  # s; in which the normal at a foot in the air turns to that of its foothold
+
+
+class _Choice(NamedTuple):
+    """A foothold that was chosen: when, s, for which nominal one (2,), m, where (3,), m, and the (3,) normal there."""
+
+    time: float
+    nominal: list[float]
+    place: Array
+    normal: Array
+
+    def serves(self, time: float, nominal: Sequence[float], tolerance: float) -> bool:
+        """Return whether it holds still: it is recent, and the nominal foothold is the same up to a tolerance, m."""
+        (x, y), (at_x, at_y) = nominal, self.nominal
+        return time - self.time < _LASTING_S and math.hypot(x - at_x, y - at_y) < tolerance
+
+
+_NONE = _Choice(-math.inf, [math.nan, math.nan], np.full(3, math.nan), np.array(UP))
 
 
 class MappedBelief(TerrainBelief):
@@ -65,7 +88,7 @@ class MappedBelief(TerrainBelief):
         )
         self.normals = np.tile(np.array(UP), (feet, 1))
         self._legs, self._pose, self._time, self._begun = legs, pose, 0.0, False
-        self._credible = _CREDIBLE_SHARE * legs.height
+        self._credible, self._same = _CREDIBLE_SHARE * legs.height, _SAME_SHARE * legs.height
         self._lead = _LEAD_SHARE * math.sqrt(legs.height / GRAVITY)
         self._velocity = (0.0, 0.0)
         length = float(legs.length.min())
@@ -74,6 +97,7 @@ class MappedBelief(TerrainBelief):
         patch = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
         patch = patch[np.linalg.norm(patch, axis=1) <= _PATCH_SHARE * length]
         self._patch = patch[np.argsort(np.linalg.norm(patch, axis=1), kind="stable")]
+        self._far = np.linalg.norm(self._patch, axis=1)
         extent = np.ptp(legs.feet[:, :2], axis=0)
         ahead, left = (
             0.5 * size * each * np.linspace(-1.0, 1.0, n) for size, each, n in zip(_BODY, extent, _SAMPLES, strict=True)
@@ -82,8 +106,8 @@ class MappedBelief(TerrainBelief):
         fade = [0.6 + 0.4 * np.cos(np.pi * np.linspace(-1.0, 1.0, n)) for n in _SAMPLES]
         self._share = np.outer(*fade).reshape(-1)
         self._targets = self.normals.copy()
-        self._chosen_at = [-math.inf] * feet
-        self._chosen = np.full((feet, 3), np.nan)
+        self._chosen = [_NONE] * feet
+        self._later: dict[tuple[int, int], _Choice] = {}  # by foot, and number of its swing over the horizon
 
     def look(self, time: float, motion: BaseMotion) -> None:
         """Take the time, s, and the motion for the next :meth:`update`; what is ahead counts first."""
@@ -97,7 +121,7 @@ class MappedBelief(TerrainBelief):
         """Begin with feet at ``points`` (nc, 3), m."""
         super().begin(points, stance)
         self._begun, self.offset = False, math.nan
-        self._chosen_at = [-math.inf] * len(points)
+        self._chosen, self._later = [_NONE] * len(points), {}
 
     @property
     def _shift(self) -> float:
@@ -115,7 +139,7 @@ class MappedBelief(TerrainBelief):
     def update(self, elapsed: float, points: Array, stance: Sequence[bool]) -> None:
         """Take the contact points (nc, 3) of the feet that stand as their footholds; the plane follows the map."""
         self._elapsed += elapsed
-        if self._elapsed < PERIOD:
+        if self._elapsed < _PERIOD - 1e-9:
             return
         self.elevation.update(self._time, self._pose)
         stands = np.array(stance)
@@ -162,14 +186,16 @@ class MappedBelief(TerrainBelief):
         self, foot: int, time: float, planner: FootholdPlanner, motion: BaseMotion, nominal: tuple[float, float],
         remaining: float, stance: float, others: Sequence[tuple[float, float]], fresh: bool,
     ) -> list[float]:  # fmt: skip
-        """Return the (3,) foothold of a present swing, near a nominal one (2,); it changes every few milliseconds."""
-        if fresh or time - self._chosen_at[foot] > _EVERY - 1e-9:
-            before = None if fresh else self._chosen[foot]
+        """Return the (3,) foothold of a present swing, near a nominal one (2,)."""
+        kept = self._chosen[foot]
+        if fresh or not kept.serves(time, nominal, _MOVED[0] * self.cell):
+            before = None if fresh else kept.place
             places, normals = self.choose(
                 planner, motion, [foot], np.array([nominal]), np.array([remaining]), stance, np.array(others), before
             )
-            self._chosen[foot], self._targets[foot], self._chosen_at[foot] = places[0], normals[0], time
-        foothold: list[float] = self._chosen[foot].tolist()
+            self._chosen[foot] = kept = _Choice(time, list(nominal), places[0], normals[0])
+            self._targets[foot] = kept.normal
+        foothold: list[float] = kept.place.tolist()
         return foothold
 
     def spread(
@@ -192,11 +218,21 @@ class MappedBelief(TerrainBelief):
         rows, feet = np.nonzero((points != before).any(axis=2))
         if not len(rows):
             return
-        places, found = self.choose(
-            planner, motion, feet.tolist(), points[rows, feet, :2], np.multiply(dt, rows, dtype=np.float64), stance_s
-        )
-        for row, foot, place, normal in zip(rows.tolist(), feet.tolist(), places, found, strict=True):
-            points[row:, foot], normals[row:, foot] = place, normal  # a later one of the foot follows and overwrites
+        nominal, owners = points[rows, feet, :2], feet.tolist()
+        keys = [(foot, owners[:i].count(foot)) for i, foot in enumerate(owners)]
+        due = [
+            i
+            for i, (key, at) in enumerate(zip(keys, nominal.tolist(), strict=True))
+            if not self._later.get(key, _NONE).serves(self._time, at, _MOVED[1] * self.cell)
+        ]
+        if due:
+            remaining = np.multiply(dt, rows[due], dtype=np.float64)
+            places, found = self.choose(planner, motion, feet[due].tolist(), nominal[due], remaining, stance_s)
+            for i, place, normal in zip(due, places, found, strict=True):
+                self._later[keys[i]] = _Choice(self._time, nominal[i].tolist(), place, normal)
+        for row, key in zip(rows.tolist(), keys, strict=True):
+            chosen = self._later[key]  # a later one of the foot follows and overwrites
+            points[row:, key[0]], normals[row:, key[0]] = chosen.place, chosen.normal
 
     def choose(
         self,
@@ -222,41 +258,46 @@ class MappedBelief(TerrainBelief):
             remaining: (k,) times until the touchdown, s.
             stance: duration of the stance after it, s.
             others: (m, 2) footholds of other feet to be clear of; none unless given.
-            before: (3,) the choice before, of a single foot, which is kept unless another one is nearer.
+            before: (3,) the choice before, of a single foot, which is kept unless another one is nearer, on ground of
+                the same height if possible.
         """
         legs, count = self._legs, len(feet)
         yaw = motion.yaw + motion.yaw_rate * remaining
         c, s = np.cos(yaw), np.sin(yaw)
         turn = np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=1)
-        points = nominal[:, None] + self._patch @ turn
+        points, far = nominal[:, None] + self._patch @ turn, self._far
         if before is not None:
             points = np.concatenate([points, before[None, None, :2]], axis=1)
+            far = np.append(far, math.dist(before[:2], nominal[0]))
         knees = legs.knees[feet] - legs.feet[feet]
         arms = (knees[:, None, :2] @ turn)[:, 0]
-        below = points[:, :, None] + np.concatenate([[0.0], _SHANK])[:, None] * arms[:, None, None]
-        heights = self.height(below.reshape(-1, 2)).reshape(below.shape[:-1])
-        ground = heights[..., 0]
-        flat, barely = (
-            self.elevation.steppable(points.reshape(-1, 2), radius).reshape(points.shape[:2])
-            for radius in (self.radius, legs.radius)
-        )
-        shank = ground[..., None] + _SHANK * knees[:, 2, None, None]
+        ground = self.height(points.reshape(-1, 2)).reshape(points.shape[:2])
+        flat = self.elevation.steppable(points.reshape(-1, 2), self.radius).reshape(points.shape[:2])
         clear = np.ones_like(flat)
         if others is not None and len(others):
             apart = np.linalg.norm(points[:, :, None] - others, axis=-1)
             clear = (apart >= planner.spacing - 1e-9).all(axis=2)
         near = clear & self._within(planner, motion, feet, points, ground, remaining, stance, turn, others is not None)
-        ok = flat & near & (heights[..., 1:] < shank).all(axis=2)
+        ok = flat & near
+        which, place = np.nonzero(ok)
+        below = points[which, place][:, None] + _SHANK[:, None] * arms[which, None]
+        shank = ground[which, place][:, None] + _SHANK * knees[which, 2, None]
+        ok[which, place] = (self.height(below.reshape(-1, 2)).reshape(shank.shape) < shank).all(axis=1)
+        (mx, my, mz), slope = self._middle, self.slope
+        plane = mz + (points - (mx, my)) @ slope
+        cost, tiers = np.hypot(far, ground - plane), [ok]
+        if not ok.any(axis=1).all():
+            barely = self.elevation.steppable(points.reshape(-1, 2), legs.radius).reshape(points.shape[:2])
+            tiers += [barely & near, barely & clear]
+        if before is not None:
+            cost[0, -1] -= _STAY_SHARE * self.cell
+            tiers = [ok & (np.abs(ground - before[2]) < self._same), *tiers]
         best, row, served = np.zeros(count, dtype=np.int64), np.arange(count), np.zeros(count, dtype=np.bool_)
-        for each in (ok, barely & near, barely & clear):
-            best = np.where(served, best, each.argmax(axis=1))
+        for each in tiers:
+            best = np.where(served, best, np.where(each, cost, np.inf).argmin(axis=1))
             served |= each.any(axis=1)
-        if before is not None and ok[0, -1]:
-            far = np.linalg.norm(points[0, [-1, best[0]]] - nominal[0], axis=1)
-            if best[0] and far[0] <= far[1] + _STAY_SHARE * self.cell:
-                best[0] = points.shape[1] - 1
-        chosen, (mx, my, mz) = points[row, best], self._middle
-        height = np.where(served, ground[row, best], mz + (chosen - (mx, my)) @ self.slope)
+        chosen = points[row, best]
+        height = np.where(served, ground[row, best], plane[row, best])
         return np.column_stack([chosen, height]), self._normals_at(chosen, served)
 
     def _within(
@@ -282,11 +323,11 @@ class MappedBelief(TerrainBelief):
         return result
 
     def _normals_at(self, points: Array, flat: BoolArray) -> Array:
-        """Return (k, 3) normals of the map at points (k, 2), from heights a foot's radius away.
+        """Return (k, 3) normals of the map at points (k, 2), from heights at a foot's edge.
 
         Ground less steep than what counts as level is level, exactly; where it is not flat, the plane's normal holds.
         """
-        r = self._legs.radius
+        r = max(self._legs.radius, self.cell)  # feet may be points
         steps = np.array([[r, 0.0], [-r, 0.0], [0.0, r], [0.0, -r]])
         h = self.height((points[:, None] + steps).reshape(-1, 2)).reshape(-1, 4)
         slope = np.column_stack([h[:, 0] - h[:, 1], h[:, 2] - h[:, 3]]) / (2.0 * r)
@@ -316,8 +357,8 @@ class MappedBelief(TerrainBelief):
 
     def unevenness(self, points: Array) -> float:
         """Return the largest height by which footholds (nc, 3) are off the plane, m."""
-        (mx, my, mz), slope = self._middle, self.slope
-        return float(np.abs(points[:, 2] - mz - (points[:, :2] - (mx, my)) @ slope).max())
+        places: list[list[float]] = points.tolist()
+        return max(abs(z - self.height_at(x, y)) for x, y, z in places)
 
 
 def _heading(pose: Array) -> tuple[float, float]:

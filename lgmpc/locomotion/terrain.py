@@ -23,7 +23,7 @@ from lgmpc.typing import GRAVITY, Array, BoolArray
 
 __all__ = ["TerrainBelief", "TerrainBeliefSettings"]
 
-PERIOD = 5e-3
+_PERIOD = 5e-3
 """Time between two fits, s: the feet that stand hardly move meanwhile."""
 _RIDGE = 1e-6
 """Weight of a level plane in the fit, in units of the footholds' squared distances: decides where they lie in line."""
@@ -94,7 +94,7 @@ class TerrainBelief:
         The plane follows every few milliseconds.
         """
         self._elapsed += elapsed
-        if self._elapsed < PERIOD:
+        if self._elapsed < _PERIOD:
             return
         if all(stance):
             self.footholds[...] = points

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -143,9 +144,9 @@ def test_the_foothold_is_the_nearest_point_of_the_patch_that_serves(
         )
         barely = elevation.steppable(point[None], legs.radius)[0] and clear
         levels = (flat and clear and near_enough and shank, barely and near_enough, barely)
-        served.append((levels, float(np.linalg.norm(offset))))
+        served.append((levels, math.hypot(*offset, ground)))  # the plane under the robot is level
     best = next((found for level in range(3) if (found := [far for levels, far in served if levels[level]])), [0.0])
-    assert math.dist(places[0, :2], nominal) == pytest.approx(min(best), abs=1e-9)
+    assert math.dist(places[0], [*nominal, 0.0]) == pytest.approx(min(best), abs=1e-9)
     np.testing.assert_array_equal(normals[0], [0.0, 0.0, 1.0])
 
 
@@ -165,6 +166,43 @@ def test_footholds_move_with_the_map(legs: LegGeometry, yaw: float, at: tuple[fl
     )  # fmt: skip
     np.testing.assert_allclose(there[:, :2], here[:, :2] @ turn + at, atol=1e-9)
     np.testing.assert_allclose(there[:, 2], here[:, 2], atol=1e-9)
+
+
+def stairs(points: Array) -> Array:
+    """Steps of 5 cm every 12 cm from x = 0.2 on."""
+    return 0.05 * np.clip(np.floor((points[:, 0] - 0.2) / 0.12) + 1.0, 0.0, 9.0)
+
+
+def aimed(belief: MappedBelief, legs: LegGeometry, x: float, time: float, fresh: bool) -> list[float]:
+    motion = BaseMotion(x - float(legs.feet[0, 0]), 0.0, 0.0, 0.0, 0.0)
+    nominal = (x, float(legs.feet[0, 1]))
+    return belief.aim(0, time, FootholdPlanner(legs), motion, nominal, 0.1, 0.2, [], fresh)
+
+
+def test_a_lower_step_is_preferred_to_a_higher_one_that_is_as_near(legs: LegGeometry) -> None:
+    belief = believed(legs, known(stairs))
+    for edge in (0.2, 0.32):
+        foothold = aimed(belief, legs, edge + 0.01, 0.0, fresh=True)
+        assert foothold[0] < edge < foothold[0] + 0.1
+
+
+def test_a_swing_stays_with_its_step_and_the_next_one_does_not(legs: LegGeometry) -> None:
+    belief = believed(legs, known(stairs))
+    first = aimed(belief, legs, 0.26, 0.0, fresh=True)
+    assert first[2] == pytest.approx(0.05)
+    assert aimed(belief, legs, 0.26 + 0.2 * belief.cell, 0.01, fresh=False) == first
+    assert aimed(belief, legs, 0.4, 0.02, fresh=False)[2] == pytest.approx(0.05)
+    assert aimed(belief, legs, 0.4, 0.03, fresh=True)[2] == pytest.approx(0.1)
+
+
+def test_feet_that_are_points_have_normals(legs: LegGeometry) -> None:
+    points = replace(legs, radius=0.0)
+    nominal = points.feet[:, :2]
+    _, normals = believed(points, known(plane)).choose(
+        FootholdPlanner(points), BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), range(4), nominal, np.zeros(4), 0.2
+    )
+    expected = np.array([-0.3, 0.2, 1.0]) / math.sqrt(1.13)
+    np.testing.assert_allclose(normals, np.tile(expected, (4, 1)), atol=1e-9)
 
 
 class Column(Analytic):

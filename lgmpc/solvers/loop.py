@@ -6,10 +6,10 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -43,12 +43,6 @@ class SolverSettings(Settings):
     )
     tolerance: Positive
     time_limit_s: Positive | None = Field(default=None, description="Time limit, s, compilation excluded. null: none.")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _null_is_the_default(cls, data: Any) -> Any:
-        """Configs written by version 0.1 have ``tolerance: null`` for the method's default."""
-        return {key: value for key, value in data.items() if value is not None} if isinstance(data, dict) else data
 
 
 @dataclass(frozen=True, eq=False)

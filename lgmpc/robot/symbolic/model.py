@@ -9,7 +9,7 @@ import casadi as ca
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.robot.symbolic import centroidal, dynamics, frames, passes
+from lgmpc.robot.symbolic import dynamics, frames, passes
 from lgmpc.robot.symbolic.factor import MassFactor
 from lgmpc.robot.symbolic.passes import Placement
 from lgmpc.robot.symbolic.tree import read_tree
@@ -124,7 +124,7 @@ class SymbolicModel:
 
     def com(self, q: Any) -> Any:
         """Return (3,) the centre of mass, world axes, m."""
-        return centroidal.center_of_mass(self._tree, self._gathered(q), self._steps(q))
+        return dynamics.center_of_mass(self._tree, self._gathered(q), self._steps(q))
 
     def vcom(self, q: Any, v: Any) -> Any:
         """Return (3,) velocity of the centre of mass, world axes, m/s."""
@@ -136,18 +136,18 @@ class SymbolicModel:
 
     def momentum_matrix(self, q: Any) -> Any:
         """Return (6, nv) the centroidal momentum matrix A_G: its product with v is :meth:`momentum`."""
-        return centroidal.momentum_columns(self._tree, self._gathered(q), self._steps(q), self._mass_matrix(q)[1])
+        return dynamics.momentum_columns(self._tree, self._gathered(q), self._steps(q), self._mass_matrix(q)[1])
 
     def momentum(self, q: Any, v: Any) -> Any:
         """Return (6,) the centroidal momentum [linear; angular], world axes, kg.m/s and kg.m2/s."""
-        momenta = centroidal.root_momenta(self._tree, self._steps(q), self._turning(q, v), self._moving(q, v))
-        return centroidal.momentum_at_center(self._tree, self._gathered(q), self._steps(q), momenta)
+        momenta = dynamics.root_momenta(self._tree, self._steps(q), self._turning(q, v), self._moving(q, v))
+        return dynamics.momentum_at_center(self._tree, self._gathered(q), self._steps(q), momenta)
 
     def momentum_rate(self, q: Any, v: Any, a: Any) -> Any:
         """Return (6,) the time derivative of :meth:`momentum`; ``a`` None is zero acceleration: dA_G/dt v."""
         wrenches = dynamics.net_wrenches(self._tree, self._steps(q), self._accelerating(q, v, a), {})
         rates = {root: wrenches[root] for root in self._tree.roots}
-        return centroidal.momentum_at_center(self._tree, self._gathered(q), self._steps(q), rates)
+        return dynamics.momentum_at_center(self._tree, self._gathered(q), self._steps(q), rates)
 
     # Dynamics
 

@@ -340,7 +340,8 @@ class Feet:
     def _move(self, foot: int, time: float, point: Vector, velocity: Vector, motion: BaseMotion) -> None:
         path, (foothold, *rows) = self._swings[foot], self._rows[foot]
         if not self.events.searching(foot):
-            if path.blocked(point, velocity, rows[0].tolist(), rows[1].tolist(), self._period):
+            obstructed = path.blocked(point, velocity, rows[0].tolist(), rows[1].tolist(), self._period)
+            if obstructed and (self.mapped is None or self.mapped.holds(point)):
                 self._touch(math.inf)
                 path.step_over(time, point)
                 self.clock.extend(foot, time, path.touchdown)

@@ -37,7 +37,6 @@ _PEAK = 10.0 / math.sqrt(3.0)
 _OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of that are pushed
 _LOST_COMMANDS = 3
 _LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
-_ABOVE_SHARE = 1.5  # of the apex on level ground
 _RISING_SHARE = 0.6
 """Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
 _ROUGH_SHARE = 0.5
@@ -206,8 +205,6 @@ class SwingTrajectory:
     def blocked(self, position: Vector, velocity: Vector, wanted: Vector, moving: Vector, period: float = 0.0) -> bool:
         """Return whether an obstacle holds the foot back: it is behind its path, and does not catch up.
 
-        A foot that is higher above its target than swings of level ground are is above what could hold it.
-
         Args:
             position: (3,) of the contact point, m.
             velocity: (3,) m/s.
@@ -217,7 +214,7 @@ class SwingTrajectory:
         """
         vx, vy = float(moving[0]), float(moving[1])
         speed = math.hypot(vx, vy)
-        if speed < _LEAST_SPEED or position[2] > self.target[2] + _ABOVE_SHARE * (self.clearance + self.roughness):
+        if speed < _LEAST_SPEED:
             return False
         x, y = float(wanted[0] - position[0]), float(wanted[1] - position[1])
         behind = vx * x + vy * y > (self._obstructed + _LOST_COMMANDS * period * speed) * speed

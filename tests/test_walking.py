@@ -53,6 +53,8 @@ IN_MUJOCO = [
     "solo12_random_commands",
     "solo12_economical",
     "anymal_velocity",
+    "anymal_kinova_reach",
+    "b1_z1_hold",
     "go1_velocity",
     "go2_velocity",
     "hyq_velocity",

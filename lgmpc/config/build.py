@@ -184,6 +184,7 @@ def build_recorder(
         "fault": not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
         "friction": config.joint_friction is not None,
         "forecast": config.locomotion.reaction.enabled,
+        "hand": bool(config.wbc.hands),
     }
     return Recorder(
         nq=robot.nq,
@@ -197,6 +198,7 @@ def build_recorder(
         contact_radius=robot.contact_radius,
         upright_axis=robot.upright_axis,
         world=world,
+        hands=len(config.wbc.hands),
         control_period_s=rates.period,
         ticks=rates.ticks,
         mpc_nodes=0 if mpc is None else mpc.nodes,

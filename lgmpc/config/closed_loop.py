@@ -335,6 +335,9 @@ class RunObserver:
             values["joint_friction"] = report.joint_friction
         if self._records_forecasts:
             values["forecast_ms"] = report.forecast_ms
+        if hands := self._controller.wbc.hands:
+            poses = np.array([hand.poses(sample.q) for hand in hands])
+            values["hand_poses"], values["hand_targets"] = poses[:, 0], poses[:, 1]
         self._record(values)
         self._normals[...] = self._next_normals
         plan = report.plan

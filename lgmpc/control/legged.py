@@ -378,6 +378,7 @@ class LeggedController:
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals
         )
         wbc.use_stepping_weights(feet.stepping)
+        wbc.move_hands(time, self._elapsed)
         self._desired.write_targets(self._tasks, time, feet.ground)
         if lifting or self.planner is None:
             self._desired.write_balance(self._tasks)

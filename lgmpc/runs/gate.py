@@ -63,6 +63,8 @@ class Gate(Settings):
     max_rms_joint_velocity_rad_s: Bound = _limit("max_rms_joint_velocity_rad_s")
     max_com_rms_error_m: Bound = _limit("max_com_rms_error_m")
     max_com_error_m: Bound = _limit("max_com_error_m")
+    max_hand_error_m: Bound = _limit("max_hand_error_m")
+    max_hand_rotation_deg: Bound = _limit("max_hand_rotation_deg")
     max_solver_failures: Count = _limit("max_solver_failures", 0)
     max_deadline_misses: Count = _limit("max_deadline_misses")
     max_mpc_p50_ms: Bound = Field(default=None, description="Median duration of an MPC update, ms.")

@@ -47,11 +47,13 @@ CONTACT_FORCE_N = 0.1
 
 
 _tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
-OPTIONAL = ("estimate", "fault", "friction", "forecast", "limit", "surface")
+OPTIONAL = ("estimate", "fault", "friction", "forecast", "hand", "limit", "surface")
 """Tables of runs with an estimator, with monitored sensors, with estimated joint friction, with forecasts
-of steps against pushes, of continued runs whose floor or torque limits changed, of ground with several coefficients of
-friction."""
-_estimate, _fault, _friction, _forecast, _limit, _surface = (partial(channel, name, optional=True) for name in OPTIONAL)
+of steps against pushes, with hands that are held or moved, of continued runs whose floor or torque limits
+changed, of ground with several coefficients of friction."""
+_estimate, _fault, _friction, _forecast, _hand, _limit, _surface = (
+    partial(channel, name, optional=True) for name in OPTIONAL
+)
 _entry = partial(channel, "entry")
 
 
@@ -134,6 +136,10 @@ class RunLog(ArrayFile):
         "quantities whose readings could not be true and were replaced: bits of SENSOR_FAULTS", dtype=np.uint8
     )
     forecast_ms: Array | None = _forecast("duration of forecasts of steps against a push", unit="ms")
+    hand_poses: Array | None = _hand(
+        "poses of the hands [position, quaternion x y z w]", "nh", 7, unit="m m m 1", frame="world"
+    )
+    hand_targets: Array | None = _hand("targets of the hands", "nh", 7, unit="m m m 1", frame="world")
     floor_friction: Array | None = _limit(
         "friction coefficient of the plant's floor; not recorded, like the torque limits, if neither changed"
     )

@@ -20,7 +20,7 @@ from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import SENSOR_FAULTS, RunLog
 from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
 from lgmpc.runs.walking import WalkingMetrics, walking_metrics
-from lgmpc.typing import Array
+from lgmpc.typing import Array, BoolArray
 
 __all__ = [
     "EstimatorErrors",
@@ -198,6 +198,12 @@ class Metrics:
     )
     forecast_ms: Timing | None = metric("Duration of a tick's forecasts of steps against a push, ms.", default=None)
     sensor_faults: SensorFaults | None = metric("Replaced readings of sensors.", default=None)
+    max_hand_error_m: float | None = metric(
+        "Largest distance of a hand from its target from steady_from_s on, m.", default=None
+    )
+    max_hand_rotation_deg: float | None = metric(
+        "Largest rotation of a hand from its target from steady_from_s on, degrees.", default=None
+    )
 
 
 def compute_metrics(
@@ -235,6 +241,7 @@ def compute_metrics(
     from_start = along_ground(log.foot_centres - log.foot_centres[:1], log.contact_normals[:1])
     steady = log.time >= steady_from_s
     com_error = np.linalg.norm(log.com - log.com_reference, axis=1)[steady]
+    hands = _hand_errors(log, steady)
     return Metrics(
         survived_s=survived,
         fell=fell,
@@ -266,8 +273,20 @@ def compute_metrics(
         leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
         forecast_ms=None if whole.forecast_ms is None else timing(whole.forecast_ms[whole.forecast_ms > 0.0]),
         sensor_faults=SensorFaults.of(whole),
+        max_hand_error_m=None if hands is None else hands[0],
+        max_hand_rotation_deg=None if hands is None else hands[1],
         joint_friction_nm=None if log.joint_friction is None else float(log.joint_friction[-1].mean()),
     )
+
+
+def _hand_errors(log: RunLog, steady: BoolArray) -> tuple[float, float] | None:
+    """Return the largest distance, m, and rotation, degrees, of a hand from its target; None without hands or ticks."""
+    if log.hand_poses is None or log.hand_targets is None or not steady.any():
+        return None
+    hands, targets = log.hand_poses[steady], log.hand_targets[steady]
+    distances = np.linalg.norm(hands[..., :3] - targets[..., :3], axis=-1)
+    rotations = (so3.from_quaternion.unchecked(poses[..., 3:]) for poses in (hands, targets))
+    return float(distances.max()), float(np.degrees(attitude.angle_between(*rotations)).max())
 
 
 def metric_names() -> tuple[str, ...]:

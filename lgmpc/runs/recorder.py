@@ -50,7 +50,8 @@ class Recorder:
         mpc_nodes: N, the horizon's number of intervals (0 = no MPC).
         mpc_updates: expected number of MPC updates.
         joint_names: (nu,) names of the actuated joints; numbered unless given.
-        optional: names of the optional tables that are recorded: estimate, fault, friction, forecast.
+        optional: names of the optional tables that are recorded: estimate, fault, friction, forecast, hand.
+        hands: number of hands.
         mass: of the simulated robot, kg; NaN if unknown.
         world: the world relative to whose ground the run is judged; a level floor unless given.
         entries: further single values of :class:`~lgmpc.runs.log.RunLog`: mpc_period_s, floating_base, upright_axis.
@@ -79,6 +80,7 @@ class Recorder:
         optional: Collection[str] = (),
         mass: float = math.nan,
         world: World | None = None,
+        hands: int = 0,
         **entries: Any,
     ) -> None:
         self.world = World() if world is None else world
@@ -105,7 +107,7 @@ class Recorder:
             "control_period_s": float(control_period_s),
             "mass_kg": float(mass),
         }
-        sizes = {"nq": nq, "nv": nv, "nu": len(effort), "nc": len(contact_frames), "nodes": mpc_nodes + 1}
+        sizes = {"nq": nq, "nv": nv, "nu": len(effort), "nc": len(contact_frames), "nodes": mpc_nodes + 1, "nh": hands}
         channels = dict(CHANNELS)
         for table in OPTIONAL:
             channels |= channels_of(RunLog, table) if table in optional else {}

@@ -2,6 +2,7 @@
 
 from lgmpc.wbc.assembly import Contacts, WholeBodyQp
 from lgmpc.wbc.controller import WholeBodyController
+from lgmpc.wbc.hands import HandMotion, HandTask
 from lgmpc.wbc.library import standard_tasks
 from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.solver import WholeBodySolver
@@ -11,6 +12,8 @@ from lgmpc.wbc.terms import WholeBodyTerms
 __all__ = [
     "Contacts",
     "Gain",
+    "HandMotion",
+    "HandTask",
     "NumericTask",
     "SymbolicTask",
     "Task",

@@ -14,6 +14,7 @@ from lgmpc.robot import Robot
 from lgmpc.status import Status
 from lgmpc.typing import Array
 from lgmpc.wbc.assembly import WholeBodyQp
+from lgmpc.wbc.hands import HandMotion, HandTask
 from lgmpc.wbc.library import standard_tasks
 from lgmpc.wbc.settings import WholeBodySettings
 from lgmpc.wbc.solver import WholeBodySolver
@@ -42,6 +43,7 @@ class WholeBodyController:
         qp: the data of the QP.
         solver: the data is written to its memory.
         tasks: the tasks by name; each holds its target.
+        hands: motions of the hands of the settings.
         contacts: stance flags, friction, normals, target forces and normal-force bounds of the feet.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
@@ -61,6 +63,8 @@ class WholeBodyController:
         self.settings = settings
         self.terms = WholeBodyTerms(robot)
         self.tasks: Mapping[str, Task] = _by_name(standard_tasks(robot, settings) if tasks is None else tasks)
+        held = [(self.tasks.get(hand.frame), hand) for hand in settings.hands]
+        self.hands = [HandMotion(robot, task, hand) for task, hand in held if isinstance(task, HandTask)]
         scaled = settings.scaled(robot)
         rows = WholeBodyQp.rows(robot, scaled)
         self.solver = WholeBodySolver(
@@ -120,6 +124,13 @@ class WholeBodyController:
         """Set every task's target to standing still at the sensed place, in the robot's reference posture."""
         for task in self.tasks.values():
             task.stand(self.robot, self.terms)
+        for hand in self.hands:
+            hand.begin(self.terms)
+
+    def move_hands(self, time: float, elapsed: float) -> None:
+        """Write the hands' targets at a time, s; ``elapsed`` s after the last ones."""
+        for hand in self.hands:
+            hand.update(time, elapsed, self.terms.q)
 
     def use_stepping_weights(self, stepping: bool) -> None:
         """Set the tasks' weights to those of a robot that steps, or to their own; returns at once if unchanged.

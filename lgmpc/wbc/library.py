@@ -13,6 +13,7 @@ from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
 from lgmpc.robot import Robot, leg_normals, upper_body_joints
 from lgmpc.robot.symbolic import ContactPoints
+from lgmpc.wbc.hands import HandTask
 from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
 from lgmpc.wbc.terms import WholeBodyTerms
@@ -337,4 +338,5 @@ def standard_tasks(robot: Robot, settings: WholeBodySettings) -> list[Task]:
     Those of joints or feet that the robot lacks are left out.
     """
     scaled = settings.scaled(robot)
-    return [task for make in TASKS.values() if (task := make(robot, scaled)).dim]
+    hands = [HandTask(robot, hand) for hand in settings.hands]
+    return [*(task for make in TASKS.values() if (task := make(robot, scaled)).dim), *hands]

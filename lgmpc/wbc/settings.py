@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
-from lgmpc.settings import Count, Extension, NonNegative, RangeFromZero, Settings, Vector3
+from lgmpc.settings import Count, Extension, NonNegative, Positive, Problem, RangeFromZero, Settings, Vector3, problems
 
 __all__ = [
     "Gain",
+    "HandMove",
+    "HandSettings",
     "OwnTask",
     "ShortSupportWeights",
     "SteppingWeights",
@@ -48,6 +51,53 @@ class OwnTask(Extension):
 
     gain: Gain = Field(default=Gain(kp=100.0), description="Feedback.")
     weight: NonNegative = Field(default=1.0, description="Weight of the squared errors.")
+
+
+class HandMove(Settings):
+    """A smooth motion of a hand to a pose, from wherever its target is at the time; what is omitted stays."""
+
+    at_s: NonNegative = Field(description="Begin of the motion, s.")
+    duration_s: Annotated[Positive, Field(ge=0.05)] = Field(
+        default=1.0, description="Duration, s, at least 0.05; velocity and acceleration are zero at both ends."
+    )
+    position_m: Vector3 | None = Field(default=None, description="[ahead, left, up] from the base's origin, m.")
+    rpy_deg: Vector3 | None = Field(
+        default=None, description="[roll, pitch, yaw] of the frame: Rz(yaw) Ry(pitch) Rx(roll), degrees."
+    )
+
+
+class HandSettings(Settings):
+    """A frame that is held where it is at the start, in the world or relative to the base, and moved from there.
+
+    Poses in the world are relative to where the base stood at the start: to its origin, in the axes of its heading.
+    """
+
+    frame: str = Field(min_length=1, description="Name of the frame (link) that is held; of the task, too.")
+    relative_to: Literal["world", "base"] = Field(
+        default="base", description="base: it moves with the base as measured; world: it stays while the base moves."
+    )
+    gain: Gain = Field(default=Gain(kp=1600.0), description="Feedback of position and rotation.")
+    integral_gain: NonNegative = Field(
+        default=0.0, description="Feedback of the integrals of the errors, against lasting pulls, 1/s3."
+    )
+    weight: NonNegative = Field(default=100.0, description="Weight of the linear acceleration.")
+    rotation_weight: NonNegative = Field(default=10.0, description="Weight of the angular acceleration.")
+    # Less than a millimetre is below the errors of any arm; more than a metre lets a distant target throw the robot.
+    largest_error_m: Annotated[float, Field(strict=True, ge=1e-3, le=1.0)] = Field(
+        default=0.03, description="Error to which the feedback is limited: a target out of reach does not pull over, m."
+    )
+    moves: tuple[HandMove, ...] = Field(default=(), description="Motions, in order of time.")
+
+    @field_validator("moves")
+    @classmethod
+    def _one_after_the_other(cls, moves: tuple[HandMove, ...]) -> tuple[HandMove, ...]:
+        for i, (before, move) in enumerate(pairwise(moves), start=1):
+            end = before.at_s + before.duration_s
+            if move.at_s < end - 1e-9:
+                raise problems(
+                    [Problem(f"{i}.at_s", move.at_s, f"a time from the end of the motion before on, {end:g} s")]
+                )
+        return moves
 
 
 class WholeBodyWeights(Settings):
@@ -155,6 +205,7 @@ class WholeBodySettings(Settings):
         " than a quarter of its height, such as a humanoid.",
     )
     gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
+    hands: tuple[HandSettings, ...] = Field(default=(), description="Frames to hold and to move, such as a gripper.")
     tasks: tuple[OwnTask, ...] = Field(default=(), description="Tasks of one's own, beside the standard ones.")
     solver: Literal["active_set", "proxqp"] = Field(
         default="active_set",

@@ -216,6 +216,15 @@ SOLO = {
     "base held": Scene(
         "solo12_stand", ["wbc.weights.base_position=10", "duration_s=0.1"], ("wbc.gains.base_position.*",)
     ),
+    "hand": Scene(
+        "solo12_stand",
+        [
+            "wbc.hands=[{frame: FL_FOOT, integral_gain: 1000, largest_error_m: 0.001, moves: ["
+            "{at_s: 0.01, duration_s: 0.05, position_m: [0.2, 0.1, -0.1], rpy_deg: [0, 5, 0]}]}]",
+            "duration_s=0.06",
+        ],
+        ("wbc.hands.*",),
+    ),
     "circle": Scene(
         "solo12_com_circle", ["reference.start_s=0", "reference.ramp_s=0.05", "duration_s=0.1"], ("reference.*",)
     ),
@@ -286,6 +295,7 @@ OTHER: dict[str, Any] = {
     "*/mpc.observer_noise_share": 1e-6,
     "*/wbc.joint_acceleration_max_rad_s2": 5.0,
     "*/wbc.max_iterations": 50,
+    "*/wbc.hands.0.frame": "FR_FOOT",
     "*/commands.0.velocity_m_s": (0.2, 0.0, 0.0),
     "*/commands.?.gait": "trot",
     "*/commands.0.height_m": -0.01,
@@ -326,6 +336,7 @@ EXEMPT: dict[str, str] = {
     "modes.fall.failing_s": "of robots whose solver fails, see tests/control/test_modes.py",
     "mpc.costs": "modules of users",
     "wbc.tasks": "modules of users",
+    "wbc.hands": "walked entry by entry where there are some",
     "wbc.joint_acceleration_max_rad_s2": "of joints near their limits, see tests/wbc",
     "mpc.reach_rad": "of joints that plans move far, see tests/mpc",
     "mpc.stale_after": "of plans that fail, see tests/mpc",

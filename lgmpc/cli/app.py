@@ -44,8 +44,12 @@ app = typer.Typer(
 )
 _PORT = 47800
 """Port of a simulated robot."""
-DriverName = Annotated[Literal["udp", "unitree"], option("Link: UDP, or the topics of Unitree's robots.")]
-Interface = Annotated[str, option("Network interface of a Unitree robot; lo: one that is simulated here.")]
+DriverName = Annotated[
+    Literal["udp", "unitree", "odri"], option("Link: UDP, the topics of Unitree's robots, or ODRI's library.")
+]
+Interface = Annotated[
+    str, option("Network interface of a Unitree robot (lo: one that is simulated here); YAML file of an ODRI robot.")
+]
 Secret = Annotated[
     Path | None,
     option("File of mode 600 with the secret of the link; unless given, the user's own, which programs here share."),

@@ -142,10 +142,10 @@ class RobotEnd(NamedTuple):
     """Where a robot is, by options of the command line.
 
     Attributes:
-        driver: udp or unitree.
+        driver: udp, unitree or odri.
         address: host and port, of UDP.
         secret: file, of UDP; None for the user's own.
-        interface: network interface, of Unitree's robots.
+        interface: network interface of Unitree's robots, file of ODRI's.
     """
 
     driver: str
@@ -153,8 +153,14 @@ class RobotEnd(NamedTuple):
     secret: Path | None
     interface: str
 
-    def end(self, *, robots: bool) -> Callable[[Robot], Any]:
-        """Return the constructor of the controller's or the robot's end."""
+    def end(self, *, robots: bool, period: float = 0.0) -> Callable[[Robot], Any]:
+        """Return the constructor of the controller's or the robot's end; ``period`` is that of the ticks, s."""
+        if self.driver == "odri":
+            if robots:
+                raise InputError("--driver", "odri", "a link that a simulated robot speaks", ("udp", "unitree"))
+            from lgmpc.hardware.odri import OdriDriver
+
+            return lambda robot: OdriDriver(self.interface, robot.q_reference[robot.joint_q], period)
         if self.driver == "unitree":
             from lgmpc.hardware.unitree import UnitreeDriver, UnitreeRobot
 
@@ -175,7 +181,7 @@ def deploy_shown(
     from lgmpc.config.deploying import deploy_config
     from lgmpc.hardware.safety import Keys
 
-    console, driver = err(), link.end(robots=False)
+    console, driver = err(), link.end(robots=False, period=1.0 / config.wbc.rate_hz)
     with Keys.of_terminal(not disarmed) as keys, _run_display(console, quiet=quiet) as display, warnings_on(console):
         finished, deployment = deploy_config(
             config,

@@ -28,6 +28,7 @@ from lgmpc.control.interface import Command, CommandGuard, command_limits
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
+from lgmpc.hardware.realtime import real_time
 from lgmpc.hardware.safety import JointLimits, Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, RobotLink, Served, serve
 from lgmpc.locomotion.command import CommandSource, MotionCommand
@@ -130,7 +131,8 @@ def serve_config(
     computing = Computing(TimingSettings(), np.random.default_rng(0))
     guard = CommandGuard(config.deployment.damping_nms, command_limits(robot.effort_limit))
     hardware = Hardware(build_drives(config, plant), computing, lambda: Spent(0.0, False, False), guard)
-    with closing(link(robot)) as end:
+    priority = 0 if lock_step else config.deployment.priority  # in lock step it computes all the time
+    with real_time(priority), closing(link(robot)) as end:
         notify(f"{robot.name} waits for a controller at {end.place}")
         if not end.wait_for_controller(wait_s):
             raise NoControllerError(f"no controller within {wait_s:g} s")

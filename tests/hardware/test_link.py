@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,25 @@ def test_a_robot_to_which_no_controller_connects_ends() -> None:
     config = load_config("solo12_balance_inekf", ["duration_s=0.01"])
     with pytest.raises(NoControllerError, match=r"no controller within 0\.05 s"):
         serve_config(config, lambda robot: UdpRobot(robot.nu), wait_s=0.05)
+
+
+@pytest.mark.parametrize(("lock_step", "expected"), [(False, [7]), (True, [0])])
+def test_a_simulated_robot_asks_for_the_priority_of_the_deployment(
+    monkeypatch: pytest.MonkeyPatch, lock_step: bool, expected: list[int]
+) -> None:
+    """Not in lock step, in which it would leave no time to others."""
+    asked = list[int]()
+
+    @contextmanager
+    def recorded(priority: int) -> Iterator[None]:
+        asked.append(priority)
+        yield
+
+    monkeypatch.setattr("lgmpc.config.deploying.real_time", recorded)
+    config = load_config("solo12_balance_inekf", ["duration_s=0.01", "deployment.priority=7"])
+    with pytest.raises(NoControllerError):
+        serve_config(config, lambda robot: UdpRobot(robot.nu), lock_step=lock_step, wait_s=0.05)
+    assert asked == expected
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), Interrupted(signal.SIGTERM)])

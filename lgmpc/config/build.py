@@ -44,6 +44,7 @@ __all__ = [
     "build_controller",
     "build_drives",
     "build_estimator",
+    "build_mpc",
     "build_recorder",
     "build_robot",
     "build_sensors",
@@ -105,7 +106,7 @@ def build_controller(
     """
     period = 1.0 / config.wbc.rate_hz
     gaits = gaits_of(robot, config.locomotion)
-    mpc = _build_mpc(config, robot, notify) if config.mpc.enabled else None
+    mpc = build_mpc(config, robot, notify) if config.mpc.enabled else None
     controller = LeggedController(
         robot,
         _build_whole_body(config, robot),
@@ -128,7 +129,8 @@ def build_controller(
     return controller
 
 
-def _build_mpc(config: Config, robot: Robot, notify: Notify) -> Mpc:
+def build_mpc(config: Config, robot: Robot, notify: Notify = lambda message: None) -> Mpc:
+    """Return the predictive controller of section ``mpc``."""
     costs = own_costs(config, robot)
     try:
         with reporting(notify):

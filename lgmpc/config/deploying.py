@@ -6,8 +6,9 @@ import json
 import logging
 import math
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from lgmpc.config.build import (
     build_controller,
     build_drives,
     build_estimator,
+    build_mpc,
     build_recorder,
     build_robot,
     build_sensors,
@@ -28,10 +30,12 @@ from lgmpc.control.interface import Command, CommandGuard, command_limits
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
-from lgmpc.hardware.realtime import real_time
+from lgmpc.hardware.realtime import raise_priority, real_time
 from lgmpc.hardware.safety import JointLimits, Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, RobotLink, Served, serve
 from lgmpc.locomotion.command import CommandSource, MotionCommand
+from lgmpc.mpc import Mpc
+from lgmpc.mpc.process import ProcessMpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
@@ -148,6 +152,7 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
     notify("loading the robot")
     robot = build_robot(config)
     controller = build_controller(config, robot, notify)
+    _separate_mpc(config, controller)
     estimator = build_estimator(config, robot, controller, None, notify)
     assert estimator is not None
     rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
@@ -161,6 +166,23 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
         estimated=False,
     )
     return _DeploymentSession(config, controller, rates, recorder, estimator, driver)
+
+
+def _separate_mpc(config: Config, controller: LeggedController) -> None:
+    """Move the MPC to a process of its own, if the config says so."""
+    planner = controller.planner
+    if planner is None or not config.deployment.mpc_process:
+        return
+    if config.locomotion.reaction.enabled:
+        expected = "false: steps against pushes are forecast in the loop's own process (locomotion.reaction.enabled)"
+        raise config.error("deployment.mpc_process", "true", expected)
+    planner.mpc = ProcessMpc(partial(_own_mpc, config), config.mpc)
+
+
+def _own_mpc(config: Config) -> Mpc:
+    if config.deployment.priority:
+        raise_priority(config.deployment.priority)
+    return build_mpc(config, build_robot(config))
 
 
 @dataclass
@@ -193,21 +215,25 @@ class _DeploymentSession:
             sample = PlantSample(state.time, state.q, state.v, measured.torques, self.legs.legs.forces)
             torque = tick.command.torque(measured.joints, measured.speeds)
             observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, nothing))
+            if apart is not None and planner is not None and apart.arrived:
+                planner.expire()  # the next tick takes the plan
 
-        robot, controller = self.controller.robot, self.controller
+        robot, controller, planner = self.controller.robot, self.controller, self.controller.planner
+        apart = planner.mpc if planner is not None and isinstance(planner.mpc, ProcessMpc) else None
         controller.commands = _LyingAtTheEnd(controller.commands, self.operator)
-        driver = self.driver(robot)
-        self.deployment = deploy(
-            _Listening(driver) if self.dry_run else driver,
-            self.controller,
-            self.legs,
-            period_s=self.rates.period,
-            duration_s=self.rates.ticks * self.rates.period,
-            settings=self.config.deployment,
-            on_tick=record,
-            limits=JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit),
-            operator=self.operator,
-        )
+        with closing(apart) if apart is not None else nullcontext():
+            driver = self.driver(robot)
+            self.deployment = deploy(
+                _Listening(driver) if self.dry_run else driver,
+                self.controller,
+                self.legs,
+                period_s=self.rates.period,
+                duration_s=self.rates.ticks * self.rates.period,
+                settings=self.config.deployment,
+                on_tick=record,
+                limits=JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit),
+                operator=self.operator,
+            )
         ending = self.deployment.ending
         early = ending not in (Ending.DURATION, Ending.INTERRUPTED)
         failure = self.deployment.failure or (ending.value if early else "")

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-__all__ = ["real_time"]
+__all__ = ["raise_priority", "real_time"]
 
 _LOG = logging.getLogger(__name__)
 _CURRENT_AND_FUTURE = 3
@@ -37,7 +37,7 @@ def real_time(priority: int = 0, cores: Sequence[int] = ()) -> Iterator[None]:
             except OSError as error:
                 _LOG.warning("deployment.cores: %s cannot be used (%s); this machine has %s", *_words(cores, error))
         if priority:
-            _raise_priority(priority)
+            raise_priority(priority)
         yield
     finally:
         os.sched_setscheduler(0, scheduling, parameters)
@@ -47,7 +47,8 @@ def real_time(priority: int = 0, cores: Sequence[int] = ()) -> Iterator[None]:
         gc.unfreeze()  # what is frozen at the end of a process is reported as leaked by extensions
 
 
-def _raise_priority(priority: int) -> None:
+def raise_priority(priority: int) -> None:
+    """Ask for a real-time priority, 1 to 99, of this thread, and lock the process's memory; log what is refused."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:

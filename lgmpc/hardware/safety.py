@@ -60,6 +60,12 @@ class DeploymentSettings(Settings):
         default=0,
         description="Real-time priority (SCHED_FIFO) of the loop, whose memory is locked then; 0: that of any program.",
     )
+    mpc_process: bool = Field(
+        default=False,
+        strict=True,
+        description="Whether the MPC plans in a process of its own, for which the loop does not wait: for models whose"
+        " update takes longer than a tick.",
+    )
     cores: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
         default=(), description="Processor cores that the loop may use; none named: all."
     )

@@ -3,6 +3,7 @@
 import errno
 import json
 import math
+import os
 import random
 import select
 import signal
@@ -24,12 +25,13 @@ from lgmpc.config import Config, load_config
 from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
-from lgmpc.errors import InputError, Interrupted
-from lgmpc.hardware import Deployment, UdpDriver, UdpRobot
+from lgmpc.errors import ConfigError, InputError, Interrupted
+from lgmpc.hardware import Deployment, Ending, UdpDriver, UdpRobot
 from lgmpc.hardware.packets import Layout
 from lgmpc.hardware.secret import read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
+from lgmpc.mpc.process import ProcessMpc
 from lgmpc.robot import Robot
 from lgmpc.runs import RunFolder
 from lgmpc.runs.folder import DEPLOYMENT_FILE
@@ -190,6 +192,36 @@ def test_a_simulated_robot_asks_for_the_priority_of_the_deployment(
     with pytest.raises(NoControllerError):
         serve_config(config, lambda robot: UdpRobot(robot.nu), lock_step=lock_step, wait_s=0.05)
     assert asked == expected
+
+
+@pytest.mark.slow
+def test_a_robot_trots_on_while_its_mpcs_process_stops_and_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped for 200 ms, then killed: without plans, the whole-body QP balances until the next process plans."""
+    trot = "commands=[{at_s: 0.1, velocity_m_s: [0.4, 0, 0], gait: trot}]"
+    changes = ["duration_s=1.8", trot, "deployment.mpc_process=true", "deployment.silence_s=10", "deployment.lost_s=20"]
+    faults = {0.6: signal.SIGSTOP, 0.8: signal.SIGCONT, 1.2: signal.SIGKILL}
+    seen, update = list[ProcessMpc](), ProcessMpc.update
+
+    def faulty(self: ProcessMpc, state: Any, *arguments: Any) -> Any:
+        for at in [at for at in faults if state.time >= at]:
+            assert self.process_id is not None
+            os.kill(self.process_id, faults.pop(at))
+        seen.append(self)
+        return update(self, state, *arguments)
+
+    monkeypatch.setattr(ProcessMpc, "update", faulty)
+    finished, deployment, served = on_a_link(load_config("solo12_velocity_inekf", changes), tmp_path, lock_step=True)
+    assert not faults and deployment.ending is Ending.DURATION and seen[-1].restarts == 1
+    assert served.q[-1, 0] > 0.5 and served.q[:, 2].min() > 0.2
+    assert np.abs(served.q[:, 3:5]).max() < np.sin(np.radians(5.0) / 2.0)
+
+
+def test_forecasts_of_steps_stay_in_the_loops_process() -> None:
+    changes = ["estimator={kind: inekf}", "deployment.mpc_process=true"]
+    with pytest.raises(ConfigError, match="deployment.mpc_process: got true; expected false: steps against pushes"):
+        deploy_config(load_config("solo12_step_recovery", changes), lambda robot: UdpDriver((LOCALHOST, 1), robot.nu))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), Interrupted(signal.SIGTERM)])

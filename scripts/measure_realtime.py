@@ -2,9 +2,12 @@
 
     python scripts/measure_realtime.py --seconds 60 --priority 80
     python scripts/measure_realtime.py --link unitree --seconds 60
+    python scripts/measure_realtime.py --deploy solo12_velocity_inekf --seconds 60 --priority 80
 
 Each row: median, 99 %, 99.9 % and largest value, and the share of ticks without an answer in time. A link is measured
 between two processes: the robot's end sends a measurement at each tick, and waits for the command that answers it.
+A config is deployed on its robot, simulated in another process, standing, walking, and walking while it is pushed;
+values are the times from a measurement's arrival until its command was written.
 """
 
 from __future__ import annotations
@@ -13,10 +16,13 @@ import argparse
 import multiprocessing
 import time
 from multiprocessing.synchronize import Event
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+from lgmpc.config import load_config
+from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.control import Command, Measurement
 from lgmpc.hardware import UdpDriver, UdpRobot
 from lgmpc.hardware.realtime import real_time
@@ -103,10 +109,56 @@ def round_trips(link: str, rate: float, ticks: int) -> None:
     row(link, found, missed, ticks)
 
 
+MOTIONS = {
+    "standing": ["commands=[]", "pushes=[]"],
+    "walking": ["commands=[{at_s: 0.2, velocity_m_s: [0.4, 0, 0], gait: trot}]", "pushes=[]"],
+    "pushed": ["commands=[{at_s: 0.2, velocity_m_s: [0.4, 0, 0], gait: trot}]"],
+}
+
+
+def robot_of(name: str, changes: list[str], port: Any) -> None:
+    """Simulate a config's robot in real time, in a process of its own."""
+
+    def link(robot: Any) -> UdpRobot:
+        end = UdpRobot(robot.nu, secret=SECRET)
+        port.send(end.address[1])
+        return end
+
+    serve_config(load_config(name, changes), link, wait_s=300.0)
+
+
+def deployed(name: str, seconds: float, changes: list[str]) -> None:
+    """Run a config's controllers on its simulated robot, in three motions."""
+    context = multiprocessing.get_context("spawn")
+    body = load_config(name).robot.model
+    for motion, commands in MOTIONS.items():
+        pushes = [
+            f"{{body: base_link, time_s: {t}, impulse_ns: [0.0, {1.5 * (-1) ** t}, 0.0]}}"
+            for t in range(2, int(seconds), 2)
+        ]
+        pushed = [f"pushes=[{', '.join(pushes)}]"] if motion == "pushed" else []
+        wanted = [f"duration_s={seconds}", "estimator={kind: inekf}", *commands, *pushed, *changes]
+        ours, theirs = context.Pipe()
+        process = context.Process(target=robot_of, args=(name, wanted, theirs))
+        process.start()
+        address = (LOCALHOST, ours.recv())
+        with TemporaryDirectory() as folder:
+            finished, link = deploy_config(
+                load_config(name, wanted), lambda robot, at=address: UdpDriver(at, robot.nu, SECRET), folder
+            )
+        process.terminate()
+        process.join()
+        row(motion, link.spent.tolist(), link.late + link.overtaken + link.missing, link.ticks + link.overtaken)
+        if finished.result.metrics is None or finished.result.metrics.falls:
+            print(f"    {body} fell")
+
+
 def main() -> None:
     """Measure what the command line names."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--link", choices=["none", "udp", "unitree"], default="none", help="none: ticks alone")
+    parser.add_argument("--deploy", metavar="CONFIG", help="a config to deploy on its simulated robot")
+    parser.add_argument("changes", nargs="*", help="key=value, of that config")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--rate", type=float, default=None, help="Hz; 1000, of Unitree's robots 500")
     parser.add_argument("--priority", type=int, default=0, help="SCHED_FIFO; 0: none")
@@ -114,6 +166,9 @@ def main() -> None:
     options = parser.parse_args()
     rate = options.rate or (500.0 if options.link == "unitree" else 1000.0)
     print(f"{'us':<12}{'p50':>9}{'p99':>9}{'p99.9':>9}{'max':>9}{'missed':>11}")
+    if options.deploy:
+        rights = [f"deployment.priority={options.priority}", f"deployment.cores={list(options.cores)}"]
+        return deployed(options.deploy, options.seconds, [*rights, *options.changes])
     with real_time(options.priority, options.cores):
         if options.link == "none":
             lateness(rate, round(options.seconds * rate))

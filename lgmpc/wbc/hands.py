@@ -115,7 +115,7 @@ class HandMotion:
         self._integral, self._feed_forward = np.zeros((2, 6))
 
     def begin(self, terms: WholeBodyTerms) -> None:
-        """Take the place of the base for the origin of poses in the world, and begin anew: what is due comes at once."""
+        """Begin at the sensed place, from which poses in the world count; motions that are due come at once."""
         if self._settings.relative_to == "world":
             self._origin = pin.SE3(pin.utils.rotate("z", terms.yaw), terms.q[:3].copy())
         self._done, self._begun_s = 0, math.inf

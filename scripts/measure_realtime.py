@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import time
+from functools import partial
 from multiprocessing.synchronize import Event
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,6 +28,7 @@ from lgmpc.control import Command, Measurement
 from lgmpc.hardware import UdpDriver, UdpRobot
 from lgmpc.hardware.realtime import real_time
 from lgmpc.hardware.udp import LOCALHOST
+from lgmpc.robot import Robot
 
 JOINTS = [f"{leg}_{joint}_joint" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
 NU, SECRET, DOMAIN = len(JOINTS), bytes(32), 7
@@ -119,12 +121,17 @@ MOTIONS = {
 def robot_of(name: str, changes: list[str], port: Any) -> None:
     """Simulate a config's robot in real time, in a process of its own."""
 
-    def link(robot: Any) -> UdpRobot:
+    def link(robot: Robot) -> UdpRobot:
         end = UdpRobot(robot.nu, secret=SECRET)
         port.send(end.address[1])
         return end
 
     serve_config(load_config(name, changes), link, wait_s=300.0)
+
+
+def driver_at(address: tuple[str, int], robot: Robot) -> UdpDriver:
+    """Return the controller's end of the link."""
+    return UdpDriver(address, robot.nu, SECRET)
 
 
 def deployed(name: str, seconds: float, changes: list[str]) -> None:
@@ -141,11 +148,9 @@ def deployed(name: str, seconds: float, changes: list[str]) -> None:
         ours, theirs = context.Pipe()
         process = context.Process(target=robot_of, args=(name, wanted, theirs))
         process.start()
-        address = (LOCALHOST, ours.recv())
+        driver = partial(driver_at, (LOCALHOST, ours.recv()))
         with TemporaryDirectory() as folder:
-            finished, link = deploy_config(
-                load_config(name, wanted), lambda robot, at=address: UdpDriver(at, robot.nu, SECRET), folder
-            )
+            finished, link = deploy_config(load_config(name, wanted), driver, folder)
         process.terminate()
         process.join()
         row(motion, link.spent.tolist(), link.late + link.overtaken + link.missing, link.ticks + link.overtaken)

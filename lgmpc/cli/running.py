@@ -17,7 +17,7 @@ from lgmpc.cli.screen import err, out, print_result, show_next, show_table, show
 from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
 from lgmpc.config.session import Iteration, Progress, stop_signals
-from lgmpc.errors import Interrupted
+from lgmpc.errors import InputError, Interrupted
 from lgmpc.runs import Outcome, flat_metrics, measured
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of

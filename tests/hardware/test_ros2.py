@@ -81,7 +81,14 @@ def test_the_node_answers_each_state_of_the_joints_by_torques(monkeypatch: pytes
         vars(module).update(content)
         monkeypatch.setitem(sys.modules, name, module)
     config = tmp_path / "short.yaml"
-    config.write_text(dump_config(load_config("solo12_velocity_inekf", [f"duration_s={1e-3 * TICKS}"])))
+    config.write_text(
+        dump_config(
+            load_config(
+                "solo12_velocity_inekf",
+                [f"duration_s={1e-3 * TICKS}", "deployment.silence_s=10", "deployment.lost_s=20"],
+            )
+        )
+    )
     monkeypatch.setattr(sys, "argv", [str(FILE), str(config)])
     runpy.run_path(str(FILE), run_name="__main__")
     torques = np.array(topics.received[:TICKS])

@@ -6,6 +6,7 @@ import importlib.util
 import queue
 import runpy
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -91,6 +92,9 @@ def test_the_node_answers_each_state_of_the_joints_by_torques(monkeypatch: pytes
     )
     monkeypatch.setattr(sys, "argv", [str(FILE), str(config)])
     runpy.run_path(str(FILE), run_name="__main__")
+    end = time.perf_counter() + 30.0
+    while len(topics.received) < TICKS and time.perf_counter() < end:  # of the thread that spins
+        time.sleep(0.01)
     torques = np.array(topics.received[:TICKS])
     assert torques.shape == (TICKS, robot.nu)
     knees = [name.endswith("KFE") for name in robot.joint_names]

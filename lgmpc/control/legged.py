@@ -207,7 +207,7 @@ class LeggedController:
         if planner is not None:
             self._plan(state.time, planner, missed)
         status = self.wbc.solve()
-        self._expect(planner, status is Status.CONVERGED)
+        self._expect(planner, status is Status.CONVERGED, self.wbc.external_wrench)
         return self._command(state)
 
     def _perform(self, state: RobotState, present: Performance, missed: int) -> Command:
@@ -252,13 +252,13 @@ class LeggedController:
         if not (follows and planner.follow(time, self._tasks, wbc.contacts)):
             self._desired.write_balance(self._tasks)
 
-    def _expect(self, planner: Planner | None, solved: bool) -> None:
+    def _expect(self, planner: Planner | None, solved: bool, wrench: Array | None = None) -> None:
         """Give the estimators what the new command should lead to."""
         acceleration = self.wbc.acceleration if solved else None
         if acceleration is not None and self._predictor is not None:
             self._predictor.expect(acceleration)
         if planner is not None:
-            planner.expect(self.wbc.terms, acceleration)
+            planner.expect(self.wbc.terms, acceleration, wrench)
         if self.joint_friction is not None:
             self.joint_friction.expect(self.wbc.tau)
 

@@ -147,15 +147,16 @@ class Planner:
             self.observer.miss(missed)
         return self.observer.update(momentum)
 
-    def expect(self, terms: WholeBodyTerms, acceleration: Array | None) -> None:
+    def expect(self, terms: WholeBodyTerms, acceleration: Array | None, wrench: Array | None = None) -> None:
         """Give the observer the momentum rate that the whole-body QP's acceleration (nv,) results in.
 
-        Without one this tick's command is left out of the observation: its torques are a fall-back's.
+        Without one this tick's command is left out of the observation: its torques are a fall-back's. The QP was
+        computed for an external ``wrench`` (6,), the observed one unless given.
         """
         if acceleration is None:
             self.observer.skip()
         else:
-            self.observer.expect(terms.momentum_rate(acceleration))
+            self.observer.expect(terms.momentum_rate(acceleration), wrench)
 
 
 class PlanSampler:

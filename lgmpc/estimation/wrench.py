@@ -108,11 +108,17 @@ class WrenchObserver:
         self._state[...] = self._next
         return self.wrench
 
-    def expect(self, momentum_rate: Array) -> None:
-        """Store the momentum rate (6,) of the command that was just computed, the estimated wrench included."""
+    def expect(self, momentum_rate: Array, wrench: Array | None = None) -> None:
+        """Store the momentum rate (6,) of the command that was just computed.
+
+        Args:
+            momentum_rate: with the wrench that the command was computed for.
+            wrench: (6,) that wrench; the estimate unless given. An estimate that the command leaves out must not be
+                taken for included: it would grow for as long as something pushes.
+        """
         if len(self._rates) > 1:
             self._rates[1:] = self._rates[:-1]
-        np.subtract(momentum_rate, self.wrench, out=self._rates[0])
+        np.subtract(momentum_rate, self.wrench if wrench is None else wrench, out=self._rates[0])
 
     def skip(self) -> None:
         """Leave the command that was just computed out of the estimate: its forces are not known."""

@@ -30,6 +30,7 @@ _SOLE_SCALE = 1.0 / 3.0
 """Scale of swings of soles, in heights of the centre of mass: legs of humanoids are heavy, and soles clear little."""
 
 _LANDING = 0.4, 0.1  # m/s, of points and soles
+_SEARCHING = 0.0, 0.4
 _CLEARANCE_SHARE, _DEPTH_SHARE = 1.0 / 7.0, 0.5  # of the height of the centre of mass
 _PEAK = 10.0 / math.sqrt(3.0)
 """Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
@@ -76,9 +77,13 @@ class SwingSettings(Settings):
     )
     touchdown_speed_m_s: NonNegative | None = Field(
         default=None,
-        description="Downward speed at the scheduled touchdown, and from there on of a late foot, m/s; less in slow"
-        " swings, whose feet would rise again before. null: 0.4, of soles, whose impact a stretched leg transmits to"
-        " the trunk, 0.1.",
+        description="Downward speed at the scheduled touchdown, m/s; less in slow swings, whose feet would rise again"
+        " before. null: 0.4, of soles, whose impact a stretched leg transmits to the trunk, 0.1.",
+    )
+    search_speed_m_s: NonNegative | None = Field(
+        default=None,
+        description="Least downward speed of a late foot from the scheduled touchdown on, m/s. null: that of the"
+        " touchdown, of soles 0.4.",
     )
     search_depth_m: NonNegative | None = Field(
         default=None,
@@ -142,6 +147,7 @@ class SwingTrajectory:
         """Change the settings, for the next swing."""
         self.settings = s = settings
         self._landing = _LANDING[self._sole] if s.touchdown_speed_m_s is None else s.touchdown_speed_m_s
+        self._searching = _SEARCHING[self._sole] if s.search_speed_m_s is None else s.search_speed_m_s
         self.clearance = round(_CLEARANCE_SHARE * self._scale, 3) if s.clearance_m is None else s.clearance_m
         self._depth = _DEPTH_SHARE * self._scale if s.search_depth_m is None else s.search_depth_m
 
@@ -278,14 +284,15 @@ class SwingTrajectory:
     def _sample_late(self, t: float, position: Array, velocity: Array, acceleration: Array) -> None:
         """Straight down to the search depth, at constant speed until hastened, and there to rest."""
         fallen = max(t - self._hastened, 0.0)
-        depth = self.touchdown_speed * (t - self.touchdown) + 0.5 * GRAVITY * fallen * fallen
+        speed = max(self.touchdown_speed, self._searching)
+        depth = speed * (t - self.touchdown) + 0.5 * GRAVITY * fallen * fallen
         searching = depth < self._depth
         position[0], position[1], position[2] = self.target
         position[2] -= depth if searching else self._depth
         velocity[:] = 0.0
         acceleration[:] = 0.0
         if searching:
-            velocity[2] = -self.touchdown_speed - GRAVITY * fallen
+            velocity[2] = -speed - GRAVITY * fallen
 
     def _postpone(self) -> bool:
         """Postpone the touchdown until the step to the target is within the limit; return whether it had to be."""

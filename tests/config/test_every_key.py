@@ -343,7 +343,7 @@ EXEMPT: dict[str, str] = {
     "estimator.rest_s": "of feet that slid, see tests/estimation/test_legged.py",
     "locomotion.gaits": "walked entry by entry where there are some",
     "locomotion.gaits.?.name": "commands refer to it",
-    "locomotion.swing.search_depth_m": "of feet that find no ground, see tests/locomotion/test_swing.py",
+    "locomotion.swing.search_*": "of feet that find no ground, see tests/locomotion/test_swing.py",
     "locomotion.contacts.early_share": "of feet that touch early in a swing, see tests/locomotion/test_contacts.py",
     "locomotion.contacts.max_search_s": "of feet that find no ground, see tests/locomotion/test_contacts.py",
     "locomotion.terrain.level_deg": "of gentle slopes, see tests/locomotion",

@@ -177,3 +177,12 @@ def test_the_force_that_lasts_is_the_median_of_the_window() -> None:
             np.testing.assert_allclose(steady.update(force), expected, rtol=0.0, atol=1e-12)
     steady.reset()
     assert steady.force == (0.0, 0.0) and steady.update(forces[0]) == (0.0, 0.0)
+
+
+def test_a_wrench_that_the_commands_leave_out_does_not_wind_up():
+    observer, momentum = WrenchObserver(PERIOD, TIME_CONSTANT), np.zeros(6)
+    for _ in range(400):  # as on soles, where the whole-body QP stands as if nothing pushed
+        observer.update(momentum)
+        observer.expect(np.zeros(6), wrench=np.zeros(6))
+        momentum = momentum + PERIOD * WRENCH
+    np.testing.assert_allclose(observer.wrench, WRENCH, rtol=1e-7)

@@ -107,7 +107,6 @@ class Feet:
         self._level = True
         self.roughness = 0.0
         self.shifts: Array | None = None
-        self._may_stretch = True  # whether long steps may take longer than scheduled
         self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
         self._points: Array = np.zeros((robot.nf, 3))  # of the feet, as measured last
         rows = zip(self.footholds, self.position, self.velocity, self.acceleration, strict=True)
@@ -199,7 +198,6 @@ class Feet:
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand. To stand, come to rest in the present gait."""
-        self._may_stretch = True
         if command.moves:
             gait = self.gait(command)
             self.clock.follow(time, self.clock.gait if gait.stands else gait, True)
@@ -212,8 +210,7 @@ class Feet:
         return step_schedules(find_gait(self.gaits, settings.gait), settings.cycle_shares)
 
     def start(self, time: float, schedule: StepSchedule) -> None:
-        """Start to step, until a command is followed; no step takes longer than in the forecast that chose it."""
-        self._may_stretch = False
+        """Start to step, until a command is followed."""
         self.clock.start(time, schedule.gait, first=schedule.first)
         self.standing, self.stepping = False, True
 
@@ -332,7 +329,7 @@ class Feet:
             return
         target = self._aim(foot, time, swing.touchdown, motion, True)
         path = self._swings[foot]
-        latest = self.clock.latest_touchdown(foot, time) if self._may_stretch else None
+        latest = self.clock.latest_touchdown(foot, time)
         below = None if self.mapped is None else self.mapped.under(foot, point, target)
         path.lift_off(time, swing.touchdown, point, velocity, target, latest, below)
         self.clock.stretch(foot, time, path.touchdown)

@@ -47,8 +47,7 @@ __all__ = ["ActiveSetSolver", "Penalties", "riccati_for"]
 
 _PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallbacks
 _FEW = 4  # rows that may change in any sweep of an active set, even if fewer did in the last one
-_NEAR = 0.01  # share of the rows that may change in the first sweep with the multipliers of the last solve
-_IDENTIFIED = 0.125  # the same with those of the central path
+_FIRST = 0.125  # share of the rows that may change in the first sweep
 _GROWTH = 10.0  # of the penalty with each update of the multipliers
 _STIFFEST = 1e5  # penalty beyond which it does not grow, in control weights
 _HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weights
@@ -144,7 +143,7 @@ class ActiveSetSolver:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             if self._ready:
                 self._penalties.resume()
-                if self._active_set(_NEAR):
+                if self._active_set():
                     return Status.CONVERGED
             lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
@@ -194,16 +193,13 @@ class ActiveSetSolver:
         self._penalties.mu[...] = np.where(active, s.multipliers, 0.0)
         return self._active_set()
 
-    def _active_set(self, first: float = _IDENTIFIED) -> bool:
+    def _active_set(self) -> bool:
         """Minimise the augmented Lagrangian from point and multiplier estimates; False if that takes too many sweeps.
 
         Active are rows of the point that are outside their bounds, shifted by the multipliers.
-
-        Args:
-            first: share of the rows that may change in the first sweep.
         """
         r, p, tolerance = self._riccati, self._penalties, self.tolerance
-        p.rho, allowed = r.penalty * self._scale, p.point.size * first
+        p.rho, allowed = r.penalty * self._scale, _FIRST * p.point.size
         for _ in range(self.max_sweeps):
             p.penalise()
             if not self._factor():

@@ -337,8 +337,9 @@ class Feet:
     def _move(self, foot: int, time: float, point: Vector, velocity: Vector, motion: BaseMotion) -> None:
         path, (foothold, *rows) = self._swings[foot], self._rows[foot]
         if not self.events.searching(foot):
-            obstructed = path.blocked(point, velocity, rows[0].tolist(), rows[1].tolist(), self._period)
-            if obstructed and (self.mapped is None or self.mapped.holds(point)):
+            moving = rows[1].tolist()
+            obstructed = path.blocked(point, velocity, rows[0].tolist(), moving, self._period)
+            if obstructed and (self.mapped is None or self.mapped.holds(point, moving)):
                 self._touch(math.inf)
                 path.step_over(time, point)
                 self.clock.extend(foot, time, path.touchdown)

@@ -39,7 +39,7 @@ _MOVED = 0.3, 1.0  # in cells of the patch: by more a present, a later nominal f
 _SAME_SHARE = 0.1  # of the height of the centre of mass: a swing goes on to ground of this height
 _STAY_SHARE = 1.5  # of the patch's cell: by so much nearer another point has to be
 _SHANK = np.array([0.4, 0.7, 1.0])  # shares of the way from foot to knee
-_CIRCLE = np.array([[math.cos(angle), math.sin(angle)] for angle in np.arange(8) * (math.pi / 4.0)])
+_AHEAD = np.array([1.0, 1.5, 2.0])  # in radii of even ground: a map has errors
 _WAY = np.linspace(0.0, 1.0, 13)
 _OFFSET_TIME = 0.15  # s
 _CREDIBLE_SHARE = 0.2  # of the height of the centre of mass: a larger offset is that of another place
@@ -356,10 +356,15 @@ class MappedBelief(TerrainBelief):
         top: Array = heights.max(axis=1)
         return top
 
-    def holds(self, point: Sequence[float]) -> bool:
-        """Return whether a foot at a point (3,) is beside higher ground, which may hold it back, or unknown ground."""
-        around = np.array(point[:2]) + self.radius * _CIRCLE
-        return not bool((self.elevation.height(around) - self._shift < point[2]).all())
+    def holds(self, point: Sequence[float], moving: Sequence[float]) -> bool:
+        """Return whether the ground ahead of a foot at (3,) may hold it back: it is higher, or not known.
+
+        Args:
+            point: of the contact point, m.
+            moving: (3,) velocity of its path, not vertical, m/s.
+        """
+        ahead = _AHEAD[:, None] * (self.radius / math.hypot(moving[0], moving[1]) * np.array(moving[:2]))
+        return not bool((self.elevation.height(point[:2] + ahead) - self._shift < point[2]).all())
 
     def unevenness(self, points: Array) -> float:
         """Return the largest height by which footholds (nc, 3) are off the plane, m."""

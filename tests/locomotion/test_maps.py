@@ -197,10 +197,12 @@ def test_a_swing_stays_with_its_step_and_the_next_one_does_not(legs: LegGeometry
 
 def test_what_a_map_knows_to_be_lower_holds_no_foot(legs: LegGeometry) -> None:
     belief = believed(legs, known(step))
-    assert belief.holds([0.08, 0.0, 0.02])
-    assert not belief.holds([0.08, 0.0, 0.06])
-    assert not belief.holds([0.0, 0.0, 0.02])
-    assert belief.holds([9.0, 0.0, 0.02])  # nothing is known there
+    ahead, back = [0.5, 0.1, 0.0], [-0.5, 0.1, 0.0]
+    assert belief.holds([0.06, 0.0, 0.02], ahead)
+    assert not belief.holds([0.06, 0.0, 0.02], back)
+    assert not belief.holds([0.06, 0.0, 0.06], ahead)
+    assert not belief.holds([0.0, 0.0, 0.02], ahead)
+    assert belief.holds([9.0, 0.0, 0.02], ahead)  # nothing is known there
 
 
 def test_feet_that_are_points_have_normals(legs: LegGeometry) -> None:

@@ -123,7 +123,7 @@ class LeggedController:
         self._inputs = TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
         self._rest = RestMonitor(self._mode_settings.rest_s, self._mode_settings.rearm == "automatic")
-        self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet)
+        self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet, period)
         self._leg_folding = LegFolding(robot, self._mode_settings.lying)
         self._rise_motion = RiseMotion(self._mode_settings.lying)
         self._weight = -robot.mass * float(robot.gravity[2])
@@ -277,8 +277,9 @@ class LeggedController:
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
         performance = self._performer.present
         inputs.maneuver = self._performer.wanted(request)
+        speed = math.hypot(terms.px, terms.py) / self.robot.mass
         if inputs.maneuver:
-            inputs.settled = all(feet.settled) and math.hypot(terms.px, terms.py) < _REST * self.robot.mass
+            inputs.settled = all(feet.settled) and speed < _REST
         inputs.performed = performance is not None and performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
         inputs.failure = ""
@@ -289,6 +290,7 @@ class LeggedController:
         else:
             solved, above = self.wbc.status is Status.CONVERGED, feet.ground.height_at(terms.x, terms.y)
             inputs.failure = self._fall.check(mode, state, terms, upright, float(self.target[2]), above, solved)
+            inputs.falling = self._fall.falls(time, upright, terms.z - above, speed)
             if performance is not None:
                 inputs.failure = inputs.failure or performance.failure
         transition = machine.update(inputs)
@@ -324,7 +326,7 @@ class LeggedController:
             lying = np.array([0.0, 0.0, self._leg_folding.crouch - self.feet.legs.height])
             self._rise_motion.begin(state.time, np.zeros(3), lying)
         elif mode is Mode.MANEUVER:
-            self._performer.begin(self.commands.at(state.time))
+            self._performer.begin(None if inputs.falling else self.commands.at(state.time).maneuver)
         elif transition.name == "risen" and self.planner is not None:
             self.planner.reset()
         elif transition.name == "halt":

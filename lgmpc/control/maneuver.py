@@ -11,6 +11,7 @@ import pinocchio as pin
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion
 from lgmpc.robot import Robot
+from lgmpc.robot.lying import place_feet
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import WholeBodyTerms
 
@@ -21,6 +22,12 @@ _POSTURE_ERROR = 0.25
 
 _SPEED = 0.1
 """rad/s, m/s; a manoeuvre begins and ends slower than this."""
+
+_STRETCH = (0.05, 0.1, 0.15, 0.2, 0.25)
+"""By how much of their height legs are longer in a fall: the largest that they reach."""
+
+_RISE_S, _SETTLE_S, _LONGEST_FALL_S = 0.4, 0.3, 1.0
+"""s; of a landing from the touchdown to the height of standing, there, and of the fall before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +47,7 @@ class Maneuver:
         forces: (n, nc, 3) contact forces, N.
         stance: (n, nc) which feet carry.
         points: (n, nc, 3) contact points, m.
+        patience_s: longest wait for a touchdown, s.
     """
 
     name: str
@@ -54,21 +62,13 @@ class Maneuver:
     forces: Array
     stance: BoolArray
     points: Array
+    patience_s: float = 0.15
 
     @classmethod
     def of(
         cls, name: str, robot: Robot, times: Array, xs: Array, flags: BoolArray, forces: Array, period: float
     ) -> Maneuver:
-        """Sample a trajectory of N intervals; those without length, impacts, are steps of the velocity.
-
-        Args:
-            name: by which commands call it.
-            robot: whose configuration and velocity are the states.
-            times: (N+1,) of the nodes, s.
-            xs: (N+1, nq + nv) states.
-            flags: (N, nc) contacts of each interval.
-            forces: (N, nc, 3) contact forces, world axes, N.
-            period: between two ticks, s.
+        """Sample a planned trajectory that leads from standing to standing; arguments as of :meth:`sampled`.
 
         Raises:
             InputError: states of another robot, a motion that begins or ends in the air, in motion, or far from the
@@ -78,6 +78,46 @@ class Maneuver:
             got = f"{xs.shape[1]} entries of the state and {flags.shape[1]} contacts"
             raise InputError("trajectory", got, f"{robot.nq + robot.nv} and {robot.nc}, those of {robot.name}")
         _check_ends(robot, xs, flags)
+        return cls.sampled(name, robot, times, xs, flags, forces, period)
+
+    @classmethod
+    def landing(cls, robot: Robot, period: float) -> Maneuver:
+        """Return a fall onto stretched legs, until the feet touch the ground, and the way back to standing.
+
+        It is performed by a robot that has lost the ground, wherever it falls; its duration is that of the wait.
+        """
+        up, fall, rise = np.array([0.0, 0.0, 1.0]), 2.0 * period, _RISE_S
+        standing, stretched = robot.q_reference, robot.q_reference
+        data = robot.create_data()
+        pin.framesForwardKinematics(robot.model, data, standing)
+        feet = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
+        for share in _STRETCH:
+            base = standing[:3] + share * (standing[2] - feet[:, 2].mean()) * up
+            found = place_feet(robot, standing, base, feet)
+            stretched = stretched if found is None else found
+        still = np.zeros(robot.nv)
+        xs = np.array([np.concatenate([q, still]) for q in (stretched, stretched, standing, standing)])
+        flags = np.repeat([[False], [True], [True]], robot.nc, axis=1)
+        forces = flags[:, :, None] * (-robot.mass / robot.nc * robot.gravity)
+        times = np.array([0.0, fall, fall + rise, fall + rise + _SETTLE_S])
+        landing = cls.sampled("landing", robot, times, xs, flags, forces, period)
+        return replace(landing, patience_s=_LONGEST_FALL_S)
+
+    @classmethod
+    def sampled(
+        cls, name: str, robot: Robot, times: Array, xs: Array, flags: BoolArray, forces: Array, period: float
+    ) -> Maneuver:
+        """Sample a motion of N intervals; those without length, impacts, are steps of the velocity.
+
+        Args:
+            name: by which commands call it.
+            robot: whose configuration and velocity are the states.
+            times: (N+1,) of the nodes, s.
+            xs: (N+1, nq + nv) states.
+            flags: (N, nc) contacts of each interval.
+            forces: (N, nc, 3) contact forces, world axes, N.
+            period: between two ticks, s.
+        """
         q, v, terms = xs[:, : robot.nq], xs[:, robot.nq :], WholeBodyTerms(robot)
         momenta = np.array([_updated(terms, *each).momentum.copy() for each in zip(q, v, strict=True)])
         lengths = np.diff(times)

@@ -40,6 +40,16 @@ __all__ = [
 ]
 
 
+_LOST_S = 0.03
+"""s without contact of any foot after which a standing robot falls."""
+
+_LEVEL, _HIGH_SHARE = math.cos(math.radians(20.0)), 0.85
+"""Least cosine of the tilt, and of the height of standing, of a robot that falls onto its feet and not from them."""
+
+_FASTEST_M_S = 1.0
+"""Horizontal speed from which it does not land on its feet."""
+
+
 class FallSettings(Settings):
     """Limits beyond which a robot is damped: its joints have no torque but damping."""
 
@@ -120,6 +130,7 @@ class TransitionInputs:
         maneuver: a planned motion is commanded that has not been performed.
         settled: the robot is at rest on feet that have carried for a while.
         performed: the planned motion is over.
+        falling: the robot stood, and has lost the ground under all feet.
     """
 
     request: str = "stand"
@@ -133,6 +144,7 @@ class TransitionInputs:
     maneuver: bool = False
     settled: bool = False
     performed: bool = False
+    falling: bool = False
 
 
 @dataclass(frozen=True)
@@ -166,6 +178,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     _way("risen", frozenset({Mode.RISE}), Mode.STAND, lambda s: s.lifted),
     _way("recover", frozenset({Mode.STAND, Mode.LOCOMOTE}), Mode.RECOVER, lambda s: s.stepping and s.reacting),
     _way("take off", frozenset({Mode.STAND}), Mode.MANEUVER, lambda s: s.maneuver and s.settled and not s.stepping),
+    _way("fall", frozenset({Mode.STAND}), Mode.MANEUVER, lambda s: s.falling),
     _way("performed", frozenset({Mode.MANEUVER}), Mode.STAND, lambda s: s.performed),
     _way("set off", frozenset({Mode.STAND}), Mode.LOCOMOTE, lambda s: s.stepping),
     _way("walk on", frozenset({Mode.RECOVER}), Mode.LOCOMOTE, lambda s: s.stepping and s.moving),
@@ -218,12 +231,25 @@ class FallMonitor:
     def __init__(self, settings: FallSettings, height: float) -> None:
         self._settings = s = settings
         self._tilt, self._tilted = math.cos(math.radians(s.tilt_deg)), math.cos(math.radians(s.tilt_error_deg))
+        self._height = height
         self._lowest, self._error = s.height_share * height, s.height_error_share * height
         self._low = self._off = self._unsupported = self._failing = math.inf  # since when, s
 
     def reset(self) -> None:
         """Discard all history."""
         self._low = self._off = self._unsupported = self._failing = math.inf
+
+    def falls(self, time: float, upright: float, height: float, speed: float) -> bool:
+        """Return whether a standing robot has lost the ground and may land on its feet: level, as high as it stands.
+
+        Args:
+            time: s.
+            upright: cosine of the tilt.
+            height: of the centre of mass above the ground as it was, m.
+            speed: horizontal, m/s.
+        """
+        level = upright > _LEVEL and height > _HIGH_SHARE * self._height
+        return level and speed < _FASTEST_M_S and time - self._unsupported >= _LOST_S
 
     def tilted(self, upright: float) -> str:
         """Return the reason why a robot with cosine ``upright`` of its tilt is damped; empty if it is not."""

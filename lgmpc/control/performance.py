@@ -34,9 +34,6 @@ __all__ = ["Performance", "Performer"]
 
 _LOG = logging.getLogger(__name__)
 
-_LATE = 0.15
-"""s; longest wait for a touchdown."""
-
 _SETTLING = 0.08
 """s after a touchdown in which feet carry only once they touch the ground."""
 
@@ -44,7 +41,7 @@ _LOOK_AHEAD = 3
 """Ticks within which no joint may exceed its limits."""
 
 _SURE = 2
-"""Ticks of contact that end a flight early."""
+"""Ticks of contact that end a flight."""
 
 _WEIGHTS = {"base_orientation": 10.0 / 3.0, "angular_momentum": 10.0}
 """Weights on the ground, in units of those while feet swing."""
@@ -154,21 +151,24 @@ class Performance:
         if contacts is None:
             return
         self._touching = np.where(contacts, self._touching + 1, 0)
-        early = self._row > 0.5 * (begin + end) and self._touching.max() >= _SURE
-        if early:
+        if self._row >= 0.5 * (begin + end) and self._touching.max() >= _SURE:
             self._row = end
-        elif self._row == end - 1 and not contacts.any():
+            self._land()
+        elif self._row == end - 1:
             self._waited += 1
             self._row -= 1
-            if self._waited * self.plan.period > _LATE:
-                self.failure = f"no ground {_LATE:g} s after the planned touchdown"
-        if self._row == end:
-            self._land()
+            self._follow_feet()
+            if self._waited * self.plan.period > self.plan.patience_s:
+                self.failure = f"no ground {self.plan.patience_s:g} s after the planned touchdown"
+
+    def _follow_feet(self) -> None:
+        """Move the plan to where the feet are."""
+        middle = self._wbc.terms.contact_points.mean(axis=0)
+        self._shift = middle - self.plan.points[self._row].mean(axis=0)
 
     def _land(self) -> None:
         """Go on from where the feet are."""
-        middle = self._wbc.terms.contact_points.mean(axis=0)
-        self._shift = middle - self.plan.points[self._row].mean(axis=0)
+        self._follow_feet()
         self._touching[:], self._waited, self._since_landing, self.landed = 0, 0, 0, True
 
     def _set_weights(self, flies: bool) -> None:
@@ -208,16 +208,24 @@ class Performer:
         wbc: the whole-body controller.
         tasks: its tasks.
         feet: which carry.
+        period: between two ticks, s.
 
     Attributes:
         present: the manoeuvre that is performed; None if there is none.
     """
 
     def __init__(
-        self, robot: Robot, maneuvers: Sequence[Maneuver], wbc: WholeBodyController, tasks: MotionTasks, feet: Feet
+        self,
+        robot: Robot,
+        maneuvers: Sequence[Maneuver],
+        wbc: WholeBodyController,
+        tasks: MotionTasks,
+        feet: Feet,
+        period: float,
     ) -> None:
         self.present: Performance | None = None
         self._known = {each.name: each for each in maneuvers}
+        self._landing = Maneuver.landing(robot, period)
         self._begun: tuple[str, float] | None = None  # as commanded
         self._robot, self._wbc, self._tasks, self._feet = robot, wbc, tasks, feet
 
@@ -236,11 +244,12 @@ class Performer:
             return False
         return True
 
-    def begin(self, request: MotionCommand) -> None:
-        """Begin the manoeuvre of a command, from the sensed state."""
-        assert request.maneuver is not None
-        self._begun = request.maneuver
-        self.present = Performance(self._known[request.maneuver[0]], self._wbc, self._tasks, self._robot)
+    def begin(self, maneuver: tuple[str, float] | None) -> None:
+        """Begin the manoeuvre of a command, name and time, from the sensed state; None lands a robot that falls."""
+        chosen = self._landing
+        if maneuver is not None:
+            chosen, self._begun = self._known[maneuver[0]], maneuver
+        self.present = Performance(chosen, self._wbc, self._tasks, self._robot)
 
     def end(self) -> None:
         """Return weights and gains to what they were before."""

@@ -53,6 +53,7 @@ def initial_state(robot: Robot, settings: PlantSettings, world: World | None = N
         world = World() if world is None else world
         q = _moved(q, *world.start_pose)
         _check_start(robot, q, world)
+        q[2] += settings.initial_height_m
         v[:3], v[3:6] = settings.initial_velocity_m_s, settings.initial_rotation_rad_s
     return np.concatenate([q, v])
 

@@ -69,7 +69,9 @@ class PlantSettings(Settings):
         description="Posture at the start: reference (that of the robot), lying (on its belly, the legs folded), or "
         "{joint name or pattern: rad or m} for joints that differ from the reference; the lowest point on the ground.",
     )
-
+    initial_height_m: Annotated[NonNegative, Field(le=100.0)] = Field(
+        default=0.0, description="Height of the robot's lowest point above the ground at the start, m: it falls."
+    )
     initial_velocity_m_s: Vector3 = Field(
         default=(0.0, 0.0, 0.0), description="Initial velocity of the robot, base axes, m/s."
     )

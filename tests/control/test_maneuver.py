@@ -98,3 +98,17 @@ def test_what_does_not_lead_from_standing_to_standing_is_refused(robot: Robot) -
         sampled(robot, bent)
     with pytest.raises(InputError, match="36 entries of the state and 4 contacts; expected 37 and 4"):
         sampled(robot, xs[:, 1:])
+
+
+def test_a_landing_waits_on_stretched_legs_and_stands(robot: Robot) -> None:
+    landing, terms = Maneuver.landing(robot, PERIOD), WholeBodyTerms(robot)
+    (begin, end), *others = landing.flights
+    assert (begin, others) == (0, []) and landing.patience_s == 1.0
+    longer = landing.q[0, 2] - robot.q_reference[2]
+    assert 0.03 < longer < 0.1  # of 0.24 m
+    np.testing.assert_allclose(landing.points[0, :, :2], landing.points[-1, :, :2], atol=1e-3)  # below the same hips
+    np.testing.assert_allclose(landing.q[-1], robot.q_reference, atol=1e-9)
+    assert landing.stance[end:].all() and not landing.v.any()
+    np.testing.assert_allclose(landing.forces[-1].sum(axis=0), [0.0, 0.0, 9.81 * robot.mass], atol=1e-9)
+    terms.update(robot.q_reference, np.zeros(robot.nv))
+    np.testing.assert_allclose(landing.com[-1], terms.com, atol=1e-9)

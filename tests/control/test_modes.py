@@ -21,6 +21,7 @@ CASES = [
     ("rise", Mode.LIE, TransitionInputs(folded=True), Mode.RISE),
     ("risen", Mode.RISE, TransitionInputs(lifted=True), Mode.STAND),
     ("take off", Mode.STAND, TransitionInputs(maneuver=True, settled=True), Mode.MANEUVER),
+    ("fall", Mode.STAND, TransitionInputs(falling=True), Mode.MANEUVER),
     ("performed", Mode.MANEUVER, TransitionInputs(performed=True), Mode.STAND),
     ("set off", Mode.STAND, WALKS, Mode.LOCOMOTE),
     ("recover", Mode.STAND, TransitionInputs(stepping=True, reacting=True), Mode.RECOVER),
@@ -87,6 +88,21 @@ def monitor() -> FallMonitor:
 
 def tilt(degrees: float) -> float:
     return float(np.cos(np.radians(degrees)))
+
+
+def test_a_robot_falls_that_is_level_and_high_without_a_contact(monitor: FallMonitor) -> None:
+    assert not monitor.falls(0.0, 1.0, HEIGHT, 0.0)
+    monitor.update_support(0.0, HEIGHT, False)
+    for time, degrees, height, falls in (
+        (0.029, 0, 1, False),
+        (0.031, 0, 1, True),
+        (0.1, 25, 1, False),
+        (0.1, 5, 0.8, False),
+    ):
+        assert monitor.falls(time, tilt(degrees), height * HEIGHT, 0.5) is falls
+    assert not monitor.falls(0.1, 1.0, HEIGHT, 1.5)
+    monitor.update_support(0.1, HEIGHT, True)
+    assert not monitor.falls(0.2, 1.0, HEIGHT, 0.0)
 
 
 def given_up_after(monitor: FallMonitor, seconds: float = 1.0, **changes: object) -> tuple[float, str]:

@@ -62,7 +62,7 @@ ARROWS: dict[str, str] = {
     "config.schema": f"{_PARTS} world simulation control hardware runs problems",
     "config.robots": "robot world locomotion control simulation runs",
     "config.build": f"{_PARTS} world simulation control runs",
-    "config.maneuvers": "robot control runs",
+    "config.maneuvers": "robot control problems runs",
     "config.maps": "locomotion robot simulation world",
     "config.solving": "actions ocp problems robot runs solvers",
     "config.closed_loop": f"{_PARTS} world simulation control runs",

@@ -42,6 +42,27 @@ def test_the_shipped_manoeuvres_pass(config: str, plant: str) -> None:
     measured(f"{config}_executed", f"plant.kind={plant}")
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("plant.initial_height_m=0.35",),
+        ("plant.initial_height_m=0.35", "plant.kind=pinocchio"),
+        ("plant.initial_height_m=0", "plant.initial_velocity_m_s=[0.3, 0, 2.4]"),  # thrown up by 30 cm, and ahead
+    ],
+)
+def test_a_robot_that_loses_the_ground_lands_on_its_feet(changes: tuple[str, ...]) -> None:
+    modes = measured("solo12_catch", "duration_s=2", *changes).modes
+    assert modes is not None and modes.maneuvers == 1
+    assert modes.landing_tilt_deg is not None and modes.landing_tilt_deg < 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+def test_a_robot_jumps_onto_a_box(plant: str) -> None:
+    run = measured("solo12_box", f"plant.kind={plant}")
+    assert run.final_tilt_deg < 1.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from lgmpc.config.loading import load_solve_config
 from lgmpc.config.schema import Config, ManeuverSource
@@ -11,6 +12,7 @@ from lgmpc.config.session import Notify
 from lgmpc.config.solving import prepare_solve
 from lgmpc.control.maneuver import Maneuver
 from lgmpc.errors import InputError
+from lgmpc.problems.legged_settings import LeggedSettings
 from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog, load_run
 
@@ -64,8 +66,12 @@ def _solve(config: Config, key: str, source: ManeuverSource, notify: Notify) -> 
         problem = load_solve_config(name)
     except InputError as error:
         raise config.error(f"{key}.problem", f"{name}: {error.got}", error.expected) from error
+    changes: dict[str, Any] = {"robot": config.robot}
+    if isinstance(problem.problem, LeggedSettings):
+        unseeded = getattr(config.world, "seed", 0) is None
+        changes["problem.world"] = config.world.replace({"seed": config.seed}) if unseeded else config.world
     try:
-        problem = problem.replace({"robot": config.robot, **source.set})
+        problem = problem.replace({**changes, **source.set})
     except InputError as error:
         raise config.error(f"{key}.set", f"{error.argument}: {error.got}", error.expected) from error
     outcome = prepare_solve(problem).run(lambda iteration: None)

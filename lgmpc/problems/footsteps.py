@@ -160,9 +160,18 @@ class SwingCurve:
     liftoff: float
     touchdown: float
 
+    @property
+    def ends(self) -> tuple[tuple[float, Array], tuple[float, Array]]:
+        """Times and positions of lift-off and touchdown."""
+        return (self.liftoff, self.start), (self.touchdown, self.end)
+
+    def progress(self, times: ArrayLike) -> Array:
+        """Return (...) the share of the swing's time that has passed, 0 before and 1 after it."""
+        return np.clip((np.asarray(times, dtype=np.float64) - self.liftoff) / (self.touchdown - self.liftoff), 0.0, 1.0)
+
     def positions(self, times: ArrayLike) -> Array:
         """Return (..., 3) the positions at ``times``, world, m; those of the ends before and after."""
-        s = np.clip((np.asarray(times, dtype=np.float64) - self.liftoff) / (self.touchdown - self.liftoff), 0.0, 1.0)
+        s = self.progress(times)
         line = s**3 * (10.0 + s * (6.0 * s - 15.0))
         points = self.start + line[..., None] * (self.end - self.start)
         points[..., 2] += 64.0 * self.height * (s * (1.0 - s)) ** 3

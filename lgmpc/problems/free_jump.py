@@ -20,6 +20,7 @@ from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import FreeDurations, FreePhase, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, Footsteps
+from lgmpc.problems.ground import Ground
 from lgmpc.problems.legged import (
     SPEED_USED,
     LeggedScale,
@@ -106,22 +107,23 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     """
     s = FreeJumpSettings() if settings is None else settings
     check_legged(robot)
-    scale = LeggedScale.of(robot)
+    scale, ground = LeggedScale.of(robot), Ground(s.ground())
     start = contact_positions(robot, robot.x_reference[None])[0]
 
     def planned(takeoff: float, flight: float, landing: float) -> tuple[GaitSequence, BaseLeap, Footsteps]:
         gait = GaitSequence.jump(robot.contact_frames, takeoff, flight, landing, s.height_m)
         leap = BaseLeap(np.zeros(3), 0.0, takeoff, takeoff + flight, scale.gravity)
-        return gait, leap, Footsteps.plan(gait, leap, start, robot.q_reference[:3])
+        steps = Footsteps.plan(gait, leap, start, robot.q_reference[:3])
+        return gait, leap, ground.laid(steps, robot.contact_radius)
 
     gait, leap, steps = planned(*(s.nominal_s(phase) for phase in _PHASES))
     grid = gait.grid(s.step_s)
-    reference = reference_states(robot, leap, grid.times)
+    reference = reference_states(robot, leap, grid.times, ground, steps)
     apex = CostItem("apex", _Apex(scale.gravity), 0.0)
-    fixed = legged_problem(robot, grid, reference, steps.positions(grid.times), s, (apex,))
+    fixed = legged_problem(robot, grid, reference, steps, s, ground, (apex,))
     first_flight = int(np.flatnonzero(grid.flight)[0])
     first_landing = int(np.flatnonzero(grid.impacts)[-1]) + 1
-    top = float(com_positions(robot, robot.x_reference[None])[0, 2]) + s.com_rise_m
+    top = float(com_positions(robot, reference[:1])[0, 2]) + s.com_rise_m
     fixed.set("apex_reference", top)
     # The running cost is multiplied by the interval's duration; the weight is per square of the leg's length.
     weight = s.rise_weight / scale.length**2 / grid.durations[first_flight]
@@ -135,9 +137,9 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     def solved(trajectory: Trajectory) -> tuple[LeggedFigures, list[float]]:
         durations, edges = free.durations(trajectory), [*begins.values(), len(grid.durations)]
         spans = [float(durations[a:b].sum()) for a, b in itertools.pairwise(edges)]
-        _, moved, footsteps = planned(*spans)
+        footsteps = planned(*spans)[2]
         timed = GaitGrid(durations, grid.flags, grid.touchdowns)
-        return LeggedFigures(robot, timed, footsteps, moved, s.friction), spans
+        return LeggedFigures(robot, timed, footsteps, reference[-1], s.friction, ground), spans
 
     def measure(trajectory: Trajectory) -> Mapping[str, float]:
         figures, spans = solved(trajectory)

@@ -27,6 +27,7 @@ from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
+from lgmpc.problems.ground import BodySpheres, Ground, GroundDistance
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_settings import (
     GaitSettings,
@@ -116,10 +117,11 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
         raise InputError("gait.feet", ", ".join(gait.feet), f"the contact frames ({', '.join(robot.contact_frames)})")
     grid = gait.grid(settings.step_s)
     start = contact_positions(robot, robot.x_reference[None])[0]
-    steps = Footsteps.plan(gait, motion, start, robot.q_reference[:3])
-    reference = reference_states(robot, motion, grid.times)
-    problem = legged_problem(robot, grid, reference, steps.positions(grid.times), settings)
-    figures = LeggedFigures(robot, grid, steps, motion, settings.friction)
+    ground = Ground(settings.ground())
+    steps = ground.laid(Footsteps.plan(gait, motion, start, robot.q_reference[:3]), robot.contact_radius)
+    reference = reference_states(robot, motion, grid.times, ground, steps)
+    problem = legged_problem(robot, grid, reference, steps, settings, ground)
+    figures = LeggedFigures(robot, grid, steps, reference[-1], settings.friction, ground)
 
     return Scenario(
         name=name,
@@ -147,15 +149,15 @@ def check_legged(robot: Robot) -> None:
         raise InputError("robot", f"{robot.name} with continuous joints", "joints of one angle each, which have limits")
 
 
-def reference_states(robot: Robot, motion: BaseMotion, times: Array) -> Array:
-    """Return (N+1, nx) the reference posture moved with the base."""
+def reference_states(robot: Robot, motion: BaseMotion, times: Array, ground: Ground, steps: Footsteps) -> Array:
+    """Return (N+1, nx) the reference posture moved with the base, from the start, raised as the footsteps are."""
     states = np.tile(robot.x_reference, (len(times), 1))
     position, turn = robot.q_reference[:3], np.asarray(pin.Quaternion(robot.q_reference[3:7]).matrix())
     for x, moved, velocity in zip(states, motion.placements(times), motion.velocities(times), strict=True):
         x[:3] = position + moved[:3, 3]
         x[3:7] = pin.Quaternion(moved[:3, :3] @ turn).coeffs()
         x[robot.nq : robot.nq + 6] = np.concatenate([velocity[:3] @ turn, velocity[3:] @ turn])
-    return states
+    return ground.raised(ground.placed(states), steps, times)
 
 
 def resting_guess(robot: Robot, grid: GaitGrid, reference: Array) -> Array:
@@ -230,8 +232,9 @@ def legged_problem(
     robot: Robot,
     grid: GaitGrid,
     reference: Array,
-    places: Array,
+    steps: Footsteps,
     settings: LeggedSettings,
+    ground: Ground,
     more: Sequence[CostItem] = (),
 ) -> ShootingProblem:
     """Return the problem.
@@ -240,27 +243,38 @@ def legged_problem(
         robot: with free base and contact frames; initially at rest in its reference posture.
         grid: the intervals (N).
         reference: (N+1, nx) reference states.
-        places: (N+1, nc, 3) reference positions of the feet, world, m.
+        steps: reference positions of the feet.
         settings: weights, friction and grid.
+        ground: from which the bodies keep a distance.
         more: further costs of the motion.
     """
-    scale, w = LeggedScale.of(robot), settings.weights
+    scale, w, places = LeggedScale.of(robot), settings.weights, steps.positions(grid.times)
+    spheres = BodySpheres.optimised(robot)
+    planes, boxes, solids = ground.solids(spheres, reference)
     dynamics = ContactForwardDynamics(robot.model, robot.contact_frames)
     deviation = StateError(dynamics.state, robot.x_reference)
     rate, state = 1.0 / scale.time, _state_weights(robot, scale, w)
     friction = settings.friction * (1.0 - settings.friction_margin)
+    effort = robot.effort_limit * (1.0 - settings.effort_margin)
+    within = QuadraticBarrier(*_range(robot, settings.joint_margin_rad))
     move = MultibodyAction(
         "legged_move",
         dynamics,
         [
             CostItem("posture", deviation, rate * state),
-            CostItem("limits", deviation, rate * w.limits * _beyond(robot, scale), QuadraticBarrier(*_range(robot))),
+            CostItem("limits", deviation, rate * w.limits * _beyond(robot, scale), within),
             CostItem("effort", Control(robot.nu), rate * w.effort / scale.torque**2),
             *_cones(robot, friction, rate * w.friction / scale.force**2),
             *_feet(robot, rate * w.swing / scale.length**2),
+            CostItem(
+                "clearance",
+                GroundDistance(spheres, planes, boxes),
+                rate * w.clearance / scale.length**2,
+                QuadraticBarrier(0.0, np.inf),
+            ),
             *more,
         ],
-        [ConstraintItem("torque", Control(robot.nu), -robot.effort_limit, robot.effort_limit)],
+        [ConstraintItem("torque", Control(robot.nu), -effort, effort)],
     )
     stop = np.repeat([w.touchdown / scale.speed**2, 0.0], 3)
     impact = ImpulseAction(
@@ -277,7 +291,7 @@ def legged_problem(
         ],
     )
     problem = ShootingProblem([impact if hit else move for hit in grid.impacts], terminal=move)
-    problem.set_initial_state(robot.x_reference)
+    problem.set_initial_state(ground.placed(robot.x_reference[None])[0])
     moving, last = np.flatnonzero(~grid.impacts).tolist(), problem.nodes
 
     h = grid.durations[moving]
@@ -289,16 +303,34 @@ def legged_problem(
     problem.set("posture_reference", reference[[*moving, last]], [*moving, last])
     problem.set("posture_weight", w.terminal * state, [last])
     problem.set("effort_reference", carrying_efforts(robot, grid)[moving], moving)
+    problem.set("clearance_solids", solids, [*moving, last])
+    problem.set(
+        "clearance_lower", _distances(spheres, grid, steps, settings.clearance_m)[[*moving, last]], [*moving, last]
+    )
+    problem.set("clearance_weight", 0.0, [last])
     pressed = np.zeros(_FACETS + 1)
     pressed[-1] = settings.least_force * scale.force
     for i in range(robot.nc):
         problem.set(f"foot_{i}_reference", places[:, i])
+        problem.set(f"cone_{i}_normal", ground.axes[:, 2], range(last))
         problem.set(f"cone_{i}_lower", np.outer(grid.flags[moving, i], pressed), moving)
         problem.set(f"foot_{i}_weight", 0.0, [*np.flatnonzero(grid.flags[:, i] & ~grid.impacts).tolist(), last])
         others = np.flatnonzero(grid.impacts & ~grid.touchdowns[:, i]).tolist()
         for item in ("foot", "speed"):
             problem.set(f"{item}_{i}_weight", 0.0, others)
     return problem
+
+
+def _distances(spheres: BodySpheres, grid: GaitGrid, steps: Footsteps, clearance: float) -> Array:
+    """Return (N+1, n) distances that spheres keep from the ground: feet in the air rise to it and return, others -1."""
+    kept = np.tile(clearance * spheres.shares, (len(grid.times), 1))
+    for column, swings in enumerate(steps.swings, start=len(spheres.shares) - len(steps.swings)):
+        kept[:, column] = -1.0
+        for swing in swings:
+            s = swing.progress(grid.times)
+            air = (s > 0.0) & (s < 1.0)
+            kept[air, column] = clearance * 64.0 * (s[air] * (1.0 - s[air])) ** 3
+    return kept
 
 
 def carrying_efforts(robot: Robot, grid: GaitGrid) -> Array:
@@ -340,10 +372,10 @@ def _beyond(robot: Robot, scale: LeggedScale) -> Array:
     return np.repeat([0.0, 1.0, 0.0, scale.time**2], [6, robot.nu, 6, robot.nu])
 
 
-def _range(robot: Robot) -> tuple[Array, Array]:
+def _range(robot: Robot, margin: float) -> tuple[Array, Array]:
     """Return (ndx,) the smallest and the largest deviation from the reference posture at rest."""
     free, speed = np.full(6, np.inf), SPEED_USED * robot.velocity_limit
     middle = robot.q_reference[robot.joint_q]
-    lower = np.concatenate([-free, robot.joint_lower - middle, -free, -speed])
-    upper = np.concatenate([free, robot.joint_upper - middle, free, speed])
+    lower = np.concatenate([-free, robot.joint_lower + margin - middle, -free, -speed])
+    upper = np.concatenate([free, robot.joint_upper - margin - middle, free, speed])
     return lower, upper

@@ -11,7 +11,8 @@ import pinocchio as pin
 from lgmpc.lie import so3
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
-from lgmpc.problems.footsteps import BaseMotion, Footsteps
+from lgmpc.problems.footsteps import Footsteps
+from lgmpc.problems.ground import BodySpheres, Ground
 from lgmpc.problems.motion import (
     com_positions,
     com_speed,
@@ -35,21 +36,25 @@ class LeggedFigures:
         robot: the robot.
         grid: the intervals.
         steps: reference positions of the feet.
-        motion: commanded motion of the base.
+        goal: (nx,) reference state at the end.
         friction: coefficient of the ground.
+        ground: the ground, and where the robot starts on it.
     """
 
     robot: Robot
     grid: GaitGrid
     steps: Footsteps
-    motion: BaseMotion
+    goal: Array
     friction: float
+    ground: Ground
 
     def measure(self, trajectory: Trajectory) -> dict[str, float]:
         """Return all figures by name, which ends in the unit.
 
         forward_distance_m, goal_error_m, goal_rotation_error_deg: of the base at the end, from its start and its goal.
-        final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from upright. com_rise_m:
+        final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from upright. clearance_m:
+        least distance of the collision shapes and of the shanks from the ground; foot_depth_m: of feet in the air in
+        it. com_rise_m:
         highest centre of mass above its first. swing_height_m: apex of the lowest swing above its line.
         foot_height_error_m: of feet in the air from their references. foothold_error_m, touchdown_speed_m_s: at
         touchdown. slip_m: largest distance of a foot on the ground from its touchdown position. friction_ratio: largest
@@ -62,22 +67,25 @@ class LeggedFigures:
         robot, grid, xs = self.robot, self.grid, trajectory.xs
         feet, planned = contact_positions(robot, xs), self.steps.positions(grid.times)
         found, moving = reactions(robot, trajectory, grid.durations, grid.flags), ~grid.impacts
-        pressed = found.wrenches[grid.flags & moving[:, None]]
-        struck = found.wrenches[grid.flags & grid.impacts[:, None]]
+        wrenches = found.wrenches @ self.ground.axes  # in those of the ground
+        pressed = wrenches[grid.flags & moving[:, None]]
+        struck = wrenches[grid.flags & grid.impacts[:, None]]
         rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
         weight = robot.mass * float(np.linalg.norm(robot.gravity))
         raised = np.abs((feet - planned)[:-1][~grid.flags][:, 2])
         rotations = so3.from_quaternion.unchecked(xs[:, 3:7])
-        goal, travelled = self.motion.placements(self.motion.stop), xs[-1, :3] - robot.q_reference[:3]
-        turned = goal[:3, :3].T @ rotations[-1] @ pin.Quaternion(robot.q_reference[3:7]).matrix().T
+        start, goal = self.ground.placed(robot.x_reference[None])[0], self.goal
+        turned = so3.from_quaternion.unchecked(goal[3:7]).T @ rotations[-1]
         com = com_positions(robot, xs)[:, 2]
         com_error, spin = self.flight(xs)
         return {
-            "forward_distance_m": float(travelled[0]),
-            "goal_error_m": float(np.linalg.norm(travelled - goal[:3, 3])),
+            "forward_distance_m": float((xs[-1, :3] - start[:3]) @ self.ground.axes[:, 0]),
+            "goal_error_m": float(np.linalg.norm(xs[-1, :3] - goal[:3])),
             "goal_rotation_error_deg": math.degrees(float(np.linalg.norm(pin.log3(turned)))),
             "final_speed_m_s": com_speed(robot, xs[-1]),
             "tilt_deg": math.degrees(float(np.arccos(np.clip(rotations[:, 2, 2], -1.0, 1.0)).max())),
+            "clearance_m": float(BodySpheres.measured(robot).distances(robot, xs, self.ground.world).min()),
+            "foot_depth_m": self._foot_depth(feet),
             "com_rise_m": float(com.max() - com[0]),
             "swing_height_m": self._swing_height(feet),
             "foot_height_error_m": float(raised.max(initial=0.0)),
@@ -133,6 +141,11 @@ class LeggedFigures:
                 line = feet[first, i] + fraction / fraction[-1] * (feet[last, i] - feet[first, i])
                 apexes.append(float((feet[first : last + 1, i] - line)[:, 2].max()))
         return min(apexes, default=0.0)
+
+    def _foot_depth(self, feet: Array) -> float:
+        """Return the largest depth of a foot in the air below the ground's surface, m."""
+        found = self.ground.world.distance(feet[:-1][~self.grid.flags])[0] - self.robot.contact_radius
+        return float(-found.min(initial=0.0))
 
     def _foothold_error(self, feet: Array) -> float:
         planned = self.steps.positions(self.grid.times)[:-1]

@@ -26,6 +26,7 @@ from lgmpc.settings import (
     problem,
 )
 from lgmpc.typing import Array
+from lgmpc.world import FloorSettings, World, WorldSettings, make_world
 
 __all__ = [
     "ContactGains",
@@ -71,6 +72,9 @@ class LeggedWeights(Settings):
     limits: NonNegative = Field(default=1e3, description="Joint positions and speeds beyond their limits.")
     foothold: NonNegative = Field(default=1e5, description="Feet from their footholds, at touchdowns.")
     touchdown: NonNegative = Field(default=1e3, description="Speeds of the feet at touchdowns.")
+    clearance: NonNegative = Field(
+        default=1e4, description="Trunk, knees and shanks nearer to the ground than clearance_m; feet in the air in it."
+    )
     terminal: NonNegative = Field(default=100.0, description="Factor of the state's weights at the end.")
 
 
@@ -94,12 +98,32 @@ class LeggedSettings(Settings):
     friction_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
         default=0.1, description="The cost penalises contact forces above (1 - friction_margin) of the friction limit."
     )
+    effort_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
+        default=0.0, description="Share of the torque limits that the plan leaves to the feedback of who performs it."
+    )
+    joint_margin_rad: NonNegative = Field(
+        default=0.0, description="Distance from the joints' limits within which a cost acts, rad."
+    )
     least_force: Annotated[NonNegative, Field(lt=0.25)] = Field(
         default=0.05,
         description="Normal force of feet on the ground below which a cost acts, as a fraction of the robot's weight.",
     )
+    clearance_m: NonNegative = Field(
+        default=0.01,
+        description="Distance of trunk and knees from the ground below which a cost acts, m; of feet in the middle of "
+        "their swings too.",
+    )
+    world: WorldSettings = Field(
+        default=FloorSettings(),
+        description="The ground, of planes and boxes, where the robot starts on it. A motion performed as a "
+        "manoeuvre has the world of its closed loop.",
+    )
     contact_gains: ContactGains = {}
     weights: LeggedWeights = Field(default=LeggedWeights(), description="Weights of the cost.")
+
+    def ground(self) -> World:
+        """Return the world of the settings."""
+        return make_world(self.world, self.friction)
 
 
 class GaitSettings(LeggedSettings, ProblemSettings):
@@ -151,7 +175,9 @@ class JumpSettings(LeggedSettings, ProblemSettings):
 
     kind: Literal["jump"] = Field(default="jump", description="A robot jumps.")
     displacement_m: Vector3 = Field(
-        default=(0.2, 0.0, 0.0), description="Displacement at the landing, [ahead, left, up], m."
+        default=(0.2, 0.0, 0.0),
+        description="Displacement at the landing, [ahead, left, up], m; up from the height of the "
+        "world's ground there.",
     )
     yaw_deg: Finite = Field(default=0.0, description="Angle by which it turns to the left in the air, degrees.")
     takeoff_s: Positive = Field(default=0.3, description="Time on the ground before the flight, s.")

@@ -13,7 +13,7 @@ from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere
 
-__all__ = ["ShapePairDistance"]
+__all__ = ["ShapePairDistance", "box_distance", "least"]
 
 _LEAST_SINE_SQUARED = 1e-12
 """Below it two axes count as parallel: the error is at most 1e-12 of their length's square over the distance."""
@@ -70,7 +70,7 @@ class ShapePairDistance(Residual):
         else:
             ends = [_point_segment(a + side * h, b, k, second.length) for side in (-1, 1)]
             ends += [_point_segment(b + side * k, a, h, first.length) for side in (-1, 1)]
-            square = _lines(b - a, h, k, first.length * second.length, _least(ends))
+            square = _lines(b - a, h, k, first.length * second.length, least(ends))
         return root_of(square) - first.radius - second.radius
 
 
@@ -105,10 +105,19 @@ def _from_box(s: StageSymbols, part: CollisionShape, box: Box, point: Any) -> An
         joint = s.robot.joint_placement(s.q, part.joint)
         point = joint.rotation.T @ (point - joint.translation)
     rotation, center = ca.DM(np.asarray(part.placement.rotation)), ca.DM(np.asarray(part.placement.translation))
-    inside = ca.vertsplit(rotation.T @ (point - center))
-    beyond = [ca.fabs(x) - half for x, half in zip(inside, box.half_size_m, strict=True)]
+    return box_distance(rotation.T @ (point - center), box.half_size_m)
+
+
+def box_distance(point: Any, half_size: Any) -> Any:
+    """Return the signed distance of a point from a box about the origin; within it, that from the nearest face.
+
+    Args:
+        point: (3,) column, axes of the box, m.
+        half_size: three numbers or expressions, m.
+    """
+    beyond = [ca.fabs(point[i]) - half_size[i] for i in range(3)]
     square = sum(ca.if_else(x > 0, x, 0.0) ** 2 for x in beyond)
-    nearest = -_least([-x for x in beyond])
+    nearest = -least([-x for x in beyond])
     return ca.if_else(nearest > 0, root_of(square), nearest)
 
 
@@ -141,7 +150,8 @@ def _lines(r: Any, h: Any, k: Any, scale: float, otherwise: Any) -> Any:
     return ca.if_else(ca.logic_and(skew, inside), ca.dot(normal, r) ** 2 / below, otherwise)
 
 
-def _least(values: list[Any]) -> Any:
+def least(values: list[Any]) -> Any:
+    """Return the least of some expressions."""
     least = values[0]
     for value in values[1:]:
         least = ca.if_else(value < least, value, least)

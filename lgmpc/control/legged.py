@@ -278,8 +278,7 @@ class LeggedController:
         performance = self._performer.present
         inputs.maneuver = self._performer.wanted(request)
         speed = math.hypot(terms.px, terms.py) / self.robot.mass
-        if inputs.maneuver:
-            inputs.settled = all(feet.settled) and speed < _REST
+        inputs.settled = inputs.maneuver and speed < _REST and all(feet.settled)
         inputs.performed = performance is not None and performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
         inputs.failure = ""

@@ -136,3 +136,17 @@ def test_talos_walks_with_flat_soles_that_do_not_meet(plant):
     assert tilt.max() < 2.0
     flags = log.stance.reshape(log.ticks, 2, 4)
     assert (flags == flags[:, :, :1]).all() and (~flags.astype(bool)).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("impulse", [(45, 0), (0, 45), (-40, 0)])
+def test_talos_steps_against_a_push_on_its_torso_and_stays_upright(impulse):
+    push = f"pushes=[{{body: torso_2_link, time_s: 0.1, duration_s: 0.2, impulse_ns: [{impulse[0]}, {impulse[1]}, 0]}}]"
+    config = load_config("talos_push_steps", [push, "duration_s=1.8"])
+    log = prepare(config).run(lambda progress: None).log
+    stance = log.stance.reshape(log.ticks, 2, 4)[:, :, 0].astype(bool)
+    assert (~stance).any(axis=0).all() and stance.any(axis=1).all()  # both feet step, in turn
+    upright = 1.0 - 2.0 * (log.q[:, 3] ** 2 + log.q[:, 4] ** 2)
+    assert np.degrees(np.arccos(upright)).max() < 12.0
+    assert np.abs(log.momentum[-1, :2]).max() / log.mass_kg < 0.4
+    assert (log.wbc_status == log.wbc_status[0]).all()

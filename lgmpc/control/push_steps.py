@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from lgmpc.control.feet import Feet
 from lgmpc.control.modes import ModeSettings
 from lgmpc.control.planner import Planner
@@ -52,9 +54,10 @@ class _Pushed:
 class PushSteps:
     """Monitors the predicted motion of a standing robot, and starts steps against a push and back.
 
-    The MPC's plan is the prediction. If its capture point leaves the support, the same MPC plans from the measured
-    state with every schedule of steps, one update per tick so that no tick is late, and the schedule of least cost is
-    executed. After its first cycles the robot steps back to its initial position, and stands.
+    The MPC's plan is the prediction; a robot on soles, which does not follow its plan while it stands, is judged by its
+    measured motion. If the capture point leaves the support, the same MPC plans from the measured state with every
+    schedule of steps, one update per tick so that no tick is late, and the schedule of least cost is executed. After
+    its first cycles the robot steps back to its initial position, and stands.
 
     Args:
         settings: see :class:`~lgmpc.locomotion.reaction.StepReactionSettings`.
@@ -101,7 +104,7 @@ class PushSteps:
         distance = math.hypot(dx, dy)
         if distance < s.place_tolerance_m and abs(turn) < s.place_tolerance_m / self._height:
             at.begin((x, y), at.yaw + turn)
-            return request
+            return replace(request, gait=s.gait)  # of the velocity that is left
         rate = min(s.return_rate_hz, s.return_speed_m_s / max(distance, abs(turn) * self._height))
         c, n = math.cos(at.yaw), math.sin(at.yaw)
         return replace(
@@ -129,8 +132,10 @@ class PushSteps:
         plan = planner.plan
         if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.fresh):
             return
-        end = plan.xs[-1]
-        if self._reaction.needed(end[:3], end[3:6] / self._mass, terms.contact_points):
+        com, velocity = plan.xs[-1, :3], plan.xs[-1, 3:6] / self._mass
+        if not self._feet.points.single:
+            com, velocity = terms.com, np.array([motion.vx, motion.vy, 0.0])
+        if self._reaction.needed(com, velocity, terms.contact_points):
             self.deciding, self._updates, self._guess = True, 0, None
             self.costs, self._guesses = [], []
             state = planner.state(time, terms).copy()

@@ -140,7 +140,9 @@ class DesiredMotion:
         self.base_target = robot.q_reference[:7].copy()
         self._limiter = CommandLimiter(settings.limits)
         self._offset = offset
-        self._mass = robot.mass
+        self._mass, self._height = robot.mass, legs.height
+        self._turns = robot.short_support and settings.reaction.enabled
+        self._planned: MotionReference | None = None  # over the last horizon
         self._grip = -_GRIP_SHARE * float(robot.gravity[2])
         self._centre: Array = np.zeros(9)  # position, velocity and acceleration of the centre of mass
         self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
@@ -175,8 +177,13 @@ class DesiredMotion:
             builder.turn_about(terms.com, elapsed * command.yaw_rate)
             builder.shorten(terms.com, terms.yaw)
         x, y, mass, wanted = terms.x, terms.y, self._mass, builder.velocity(command)
+        vx, vy = terms.px / mass, terms.py / mass
+        if self._turns:
+            swings = None if self._planned is None else self._planned.legs
+            turning = terms.momentum[3:] if swings is None else terms.momentum[3:] - swings[0]
+            vx, vy = vx + float(turning[1]) / (mass * self._height), vy - float(turning[0]) / (mass * self._height)
         return BaseMotion(
-            x, y, terms.px / mass, terms.py / mass, terms.yaw, command.yaw_rate, wanted[0], wanted[1],
+            x, y, vx, vy, terms.yaw, command.yaw_rate, wanted[0], wanted[1],
             x - builder.x, y - builder.y, limiter.ramp.turned(terms.yaw), command.height, friction,
             float(terms.rotation[2, 0]), float(terms.rotation[2, 1]), load[0] / mass, load[1] / mass,
         )  # fmt: skip
@@ -212,6 +219,7 @@ class DesiredMotion:
 
     def write_horizon(self, motion: MotionReference, time: float, node_s: float, ground: TerrainBelief) -> None:
         """Write the desired motion at the nodes of a horizon that begins now."""
+        self._planned = motion
         self.builder.write(motion, self.command, node_s, ground, self._limiter.ramp)
         if self._offset is not None:
             times = time + node_s * np.arange(len(motion.com), dtype=np.float64)

@@ -94,7 +94,9 @@ class BaseMotion:
     Attributes:
         x: centre of mass, m.
         y: centre of mass, m.
-        vx: its velocity, m/s.
+        vx: its velocity, m/s; of a robot that steps against pushes on a support short of its height with what its
+            turning is worth: angular momentum L about the centre of mass moves the capture point like the velocity
+            L / (m h).
         vy: m/s.
         yaw: of the base, rad.
         yaw_rate: commanded, rad/s.

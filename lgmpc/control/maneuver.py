@@ -156,6 +156,8 @@ class Maneuver:
 
     def placed(self, points: Array, yaw: float) -> Maneuver:
         """Return the manoeuvre that begins with feet in the middle of ``points`` (nc, 3), m, along a heading, rad."""
+        # A plan for a world begins along the heading of the start there.
+        yaw -= math.atan2(self.rotation[0, 1, 0], self.rotation[0, 0, 0])
         c, s = math.cos(yaw), math.sin(yaw)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # of row vectors
         start, shift = self.points[0].mean(axis=0), points.mean(axis=0)

@@ -207,7 +207,7 @@ SOLO = {
         ["plant.actuators.torque_limit_nm=0.3", "duration_s=0.6"],
         ("modes.fall.low_s", "modes.fall.height_error_share"),
     ),
-    "thrown": Scene("solo12_fall", [PUSH.format(0.01, 0, 0, 12), "duration_s=0.4"], ("modes.fall.unsupported_s",)),
+    "thrown": Scene("solo12_fall", [PUSH.format(0.01, 8, 0, 12), "duration_s=0.4"], ("modes.fall.unsupported_s",)),
     "unsolved": Scene(
         "solo12_stand",
         ["wbc.solver=proxqp", "wbc.max_iterations=1", "duration_s=0.05"],

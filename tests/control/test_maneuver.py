@@ -82,6 +82,9 @@ def test_a_placed_manoeuvre_is_the_same_motion_turned_and_shifted(robot: Robot, 
         np.testing.assert_allclose(placed.rotation[row], terms.rotation, atol=1e-12)
         np.testing.assert_allclose(placed.momentum[row], np.kron(np.eye(2), turn) @ own.momentum[row], atol=1e-12)
         np.testing.assert_allclose(placed.forces[row], own.forces[row] @ turn.T, atol=1e-12)
+    again = placed.placed(own.points[0], 0.0)  # a plan that begins turned
+    np.testing.assert_allclose(again.q[:, :3], own.q[:, :3], atol=1e-12)
+    np.testing.assert_allclose(again.rotation, own.rotation, atol=1e-12)
 
 
 def test_what_does_not_lead_from_standing_to_standing_is_refused(robot: Robot) -> None:

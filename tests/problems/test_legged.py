@@ -198,7 +198,7 @@ def test_refusals() -> None:
 @pytest.mark.slow
 def test_a_trot_reaches_its_goal_within_all_limits() -> None:
     """Compiles the stage, once for all slow tests of the trot."""
-    assert trotted().status is Status.CONVERGED and trotted().iterations < 40
+    assert trotted().status is Status.CONVERGED and trotted().iterations < 45  # 40; without distances of bodies 37
     figures = trot().figures(trotted().trajectory)
     assert figures["forward_distance_m"] == pytest.approx(0.3 * (0.48 - 0.1), abs=1e-3)
     assert figures["swing_height_m"] == pytest.approx(0.05, abs=2e-3)

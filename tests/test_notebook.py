@@ -85,8 +85,8 @@ cells = {cells!r}
 notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
 nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
 run, shown, path, plots, figure = (cell.outputs for cell in notebook.cells)
-told, text = run
-assert "loading the robot" in told.text, told
+*told, text = run  # streams of several messages, and of compilations where the cache is empty
+assert "loading the robot" in told[0].text, told
 assert "<PASS solo12_stand: survived 4 s" in text.data["text/plain"], text
 for (output,) in (shown, path):
     assert output.output_type == "display_data", output

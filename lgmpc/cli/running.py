@@ -139,7 +139,7 @@ def _run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]
 
 
 class RobotEnd(NamedTuple):
-    """Where a robot is, by options of the command line.
+    """The address of a robot, by options of the command line.
 
     Attributes:
         driver: udp, unitree or odri.

@@ -20,9 +20,10 @@ from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
 from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, reporting
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
-from lgmpc.compile.simd import SQUARES
+from lgmpc.compile.simd import EXACT, SQUARES
 
 __all__ = [
+    "EXACT",
     "SQUARES",
     "BatchKernel",
     "CacheReport",

@@ -60,6 +60,9 @@ _FOLDER = files("lgmpc.compile")
 # How many doubles the processor's vectors hold, and the vectors' type; one number where there are none.
 _VECTORS = _FOLDER.joinpath("vectors.c").read_text(encoding="utf-8")
 
+# Entry points, and arithmetic that rounds as numpy's does: for lgmpc's own C sources.
+EXACT = _FOLDER.joinpath("exact.c").read_text(encoding="utf-8")
+
 # Vectors, and transposition of squares of them: for lgmpc's own C sources.
 SQUARES = _VECTORS + _FOLDER.joinpath("squares.c").read_text(encoding="utf-8")
 

@@ -31,13 +31,16 @@ def export_tick(run: str | Path, folder: Path) -> int:
         The number of ticks.
 
     Raises:
-        InputError: the run is one of a robot, or is not repeated bit for bit (names tick and channel); the folder is
-            not empty, or the controller cannot be written in C.
+        InputError: the run is one of a robot, has measured computing times, or is not repeated bit for bit (names tick
+            and channel); the folder is not empty, or the controller cannot be written in C.
     """
     recorded = RunFolder.load(run)
     if (recorded.path / DEPLOYMENT_FILE).is_file():
         raise InputError("run", f"{recorded.path}, a run of a robot", "a simulated run, which can be repeated")
     config = parse_config(recorded.config, name=str(recorded.path / CONFIG_FILE), folder=recorded.path)
+    if config.timing.computing == "measured":
+        again = f"lgmpc run {recorded.path / CONFIG_FILE} --set timing.computing=modelled"
+        raise InputError("timing.computing", "measured: no other run has its delays", f"ideal or modelled: {again}")
     session = prepare(config)
     assert isinstance(session, ClosedLoopSession)
     first, end = session.earlier[0] if session.earlier else (session, session.rates.ticks)

@@ -14,7 +14,7 @@ import numpy as np
 from lgmpc.control.drives import DriveSettings, JointReferences
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
-from lgmpc.control.lying import LegFolding, RiseMotion
+from lgmpc.control.lying import LegRetraction, RiseMotion
 from lgmpc.control.maneuver import Maneuver
 from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Transition, TransitionInputs
 from lgmpc.control.performance import Performance, Performer
@@ -122,9 +122,9 @@ class LeggedController:
         self.modes = ModeMachine()
         self._inputs = TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
-        self._rest = RestMonitor(self._mode_settings.rest_s, self._mode_settings.rearm == "automatic")
+        self._rest = RestMonitor(self._mode_settings.lie_still_s, self._mode_settings.rearm == "automatic")
         self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet, period)
-        self._leg_folding = LegFolding(robot, self._mode_settings.lying)
+        self._leg_retraction = LegRetraction(robot, self._mode_settings.lying)
         self._rise_motion = RiseMotion(self._mode_settings.lying)
         self._weight = -robot.mass * float(robot.gravity[2])
         self._standing_forces = np.tile([0.0, 0.0, self._weight / robot.nc], (robot.nc, 1))
@@ -285,7 +285,7 @@ class LeggedController:
         if mode is Mode.DAMP:
             inputs.rearmed = self._rest.update(time, upright, state.v, request.mode)
         elif mode is Mode.LIE:
-            inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_folding.done(time)
+            inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_retraction.done(time)
         else:
             solved, above = self.wbc.status is Status.CONVERGED, feet.ground.height_at(terms.x, terms.y)
             inputs.failure = self._fall.check(mode, state, terms, upright, float(self.target[2]), above, solved)
@@ -317,12 +317,12 @@ class LeggedController:
             self.wbc.reset()
             self._rest.begin(inputs.request)
         elif mode is Mode.LIE:
-            self._leg_folding.begin(state.time, state.q[self._joints], self.wbc.tau)
+            self._leg_retraction.begin(state.time, state.q[self._joints], self.wbc.tau)
             self.wbc.reset()
         elif mode is Mode.RISE:
             self._begin_rising(state.time)
         elif mode is Mode.SIT:
-            lying = np.array([0.0, 0.0, self._leg_folding.crouch - self.feet.legs.height])
+            lying = np.array([0.0, 0.0, self._leg_retraction.crouch - self.feet.legs.height])
             self._rise_motion.begin(state.time, np.zeros(3), lying)
         elif mode is Mode.MANEUVER:
             self._performer.begin(None if inputs.falling else self.commands.at(state.time).maneuver)
@@ -386,7 +386,7 @@ class LeggedController:
         if lifting:
             self._inputs.lifted = self._rise_motion.update(time)
             wbc.external_wrench[2] = self._rise_motion.support * self._weight
-            self._desired.write_lift(self._tasks, self._rise_motion, self._leg_folding)
+            self._desired.write_rise(self._tasks, self._rise_motion, self._leg_retraction)
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
         settings = planner.mpc.settings
@@ -406,14 +406,14 @@ class LeggedController:
         ground.begin(terms.contact_points)
         contacts = ground.carried(_LEVEL_SHARE * legs.height)
         floor = ground.height_at(terms.x, terms.y) if contacts.all() else float(terms.contact_points[:, 2].min())
-        low = terms.z - floor < 0.5 * (self._leg_folding.height + legs.height)
+        low = terms.z - floor < 0.5 * (self._leg_retraction.height + legs.height)
         if self._fall.tilted(terms.upright):
             self.modes.begin(Mode.DAMP)
             self._rest.begin(self.commands.at(state.time).mode)
             return
         if low:
             self.modes.begin(Mode.LIE)
-            self._leg_folding.begin(state.time, state.q[self._joints], self.wbc.tau)
+            self._leg_retraction.begin(state.time, state.q[self._joints], self.wbc.tau)
             return
         self.modes.begin(Mode.STAND)
         self.wbc.stand()
@@ -435,7 +435,7 @@ class LeggedController:
         """Return the command that folds the legs under the trunk and holds them."""
         joints, rates = state.q[self._joints], state.v[self._rates]
         self.target[:], self.base_target[:] = self.wbc.terms.com, state.q[:7]
-        self.wbc.tau[:] = self._leg_folding.torques(state.time, joints, rates)
+        self.wbc.tau[:] = self._leg_retraction.torques(state.time, joints, rates)
         return Command.feed_forward(self.wbc.tau.copy(), joints)
 
     def _wait(self, state: RobotState) -> Command:

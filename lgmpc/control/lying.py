@@ -11,7 +11,7 @@ from lgmpc.robot.lying import crouching_posture, lying_posture, place_feet
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["LegFolding", "RiseMotion", "LyingSettings"]
+__all__ = ["LegRetraction", "RiseMotion", "LyingSettings"]
 
 _NEAR = 0.2  # rad from the lying posture, within which the legs move to it directly
 _SHORTEST = 0.3  # s of a stroke of the legs
@@ -32,7 +32,7 @@ class LyingSettings(Settings):
     load_s: Positive = Field(default=0.4, description="Duration of loading and unloading of the feet, s.")
 
 
-class LegFolding:
+class LegRetraction:
     """Folds the legs of a robot that lies on its belly, in joint space, and holds them folded.
 
     The feet are lifted on the way, so that they do not drag over the floor, and put down at their positions in the

@@ -47,7 +47,7 @@ class Maneuver:
         forces: (n, nc, 3) contact forces, N.
         stance: (n, nc) which feet carry.
         points: (n, nc, 3) contact points, m.
-        patience_s: longest wait for a touchdown, s.
+        longest_wait_s: longest wait for a touchdown, s.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Maneuver:
     forces: Array
     stance: BoolArray
     points: Array
-    patience_s: float = 0.15
+    longest_wait_s: float = 0.15
 
     @classmethod
     def of(
@@ -101,7 +101,7 @@ class Maneuver:
         forces = flags[:, :, None] * (-robot.mass / robot.nc * robot.gravity)
         times = np.array([0.0, fall, fall + rise, fall + rise + _SETTLE_S])
         landing = cls.sampled("landing", robot, times, xs, flags, forces, period)
-        return replace(landing, patience_s=_LONGEST_FALL_S)
+        return replace(landing, longest_wait_s=_LONGEST_FALL_S)
 
     @classmethod
     def sampled(

@@ -82,7 +82,7 @@ class ModeSettings(Settings):
         description="Condition for a damped robot that lies still on its belly to move again: on_command (the commanded"
         " mode has changed since it was damped), or automatic.",
     )
-    rest_s: Positive = Field(default=0.3, description="Time for which it must lie still, s.")
+    lie_still_s: Positive = Field(default=0.3, description="Time for which it must lie still, s.")
     displaced_m: Positive = Field(
         default=0.05, description="Distance from its place beyond which a foot of a robot at rest steps back, m."
     )
@@ -324,7 +324,7 @@ class RestMonitor:
     """The condition under which a damped robot may move again: it lies still on its belly, and is re-armed.
 
     Args:
-        rest_s: time for which it must lie still, s.
+        lie_still_s: time for which it must lie still, s.
         automatic: whether lying still suffices; otherwise the request has to change after the robot was damped.
     """
 
@@ -332,8 +332,8 @@ class RestMonitor:
     _SPEED = 0.1  # m/s and rad/s of the base
     _RATE = 1.0  # rad/s of all joints
 
-    def __init__(self, rest_s: float, automatic: bool) -> None:
-        self._rest, self._automatic = rest_s, automatic
+    def __init__(self, lie_still_s: float, automatic: bool) -> None:
+        self._rest, self._automatic = lie_still_s, automatic
         self._request, self._changed = "", automatic
         self._still = math.inf
 

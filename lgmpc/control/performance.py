@@ -158,8 +158,8 @@ class Performance:
             self._waited += 1
             self._row -= 1
             self._follow_feet()
-            if self._waited * self.plan.period > self.plan.patience_s:
-                self.failure = f"no ground {self.plan.patience_s:g} s after the planned touchdown"
+            if self._waited * self.plan.period > self.plan.longest_wait_s:
+                self.failure = f"no ground {self.plan.longest_wait_s:g} s after the planned touchdown"
 
     def _follow_feet(self) -> None:
         """Move the plan to where the feet are."""

@@ -128,7 +128,7 @@ class Planner:
         row, motion, posture = sampler.row(time), sampler.motion, sampler.posture
         assert motion is not None
         tasks.com.targets_together[...] = sampler.com[row]
-        tasks.angular_momentum.targets_together[...] = sampler.turning[row]
+        tasks.angular_momentum.targets_together[...] = sampler.angular_momentum[row]
         contacts.target_forces[...] = motion.forces[row]
         if posture is not None:
             joints = tasks.posture.target
@@ -173,7 +173,7 @@ class PlanSampler:
         start: time of the first row, s.
         motion: samples of its motion, a row a tick.
         com: of these, centre of mass, its velocity and acceleration in one row.
-        turning: of these, angular momentum and its rate in one row.
+        angular_momentum: of these, angular momentum and its rate in one row.
         posture: samples of its posture, None where the plan has none.
     """
 
@@ -186,7 +186,7 @@ class PlanSampler:
         self.posture: PostureSample | None = None
         self._sampler: MotionSampler | None = None
         self.com: Array = np.zeros((0, 9))
-        self.turning: Array = np.zeros((0, 6))
+        self.angular_momentum: Array = np.zeros((0, 6))
 
     def clear(self) -> None:
         """Forget the plan."""
@@ -199,7 +199,7 @@ class PlanSampler:
         if self._sampler is None:
             self._sampler = MotionSampler(len(times), plan.forces.shape[1])
         self.motion = self._sampler.sample(plan, times)
-        self.com, self.turning = self._sampler.com, self._sampler.turning
+        self.com, self.angular_momentum = self._sampler.com, self._sampler.angular_momentum
         self.posture = None if plan.posture is None else plan.posture.sample_at(times)
 
     def row(self, time: float) -> int:

@@ -1,4 +1,4 @@
-"""Where the robot should be: limited commands, integrated; a circle while it stands; the way up from the belly."""
+"""The desired motion: limited commands, integrated; a circle while it stands; the way up from the belly."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
-from lgmpc.control.lying import LegFolding, RiseMotion
+from lgmpc.control.lying import LegRetraction, RiseMotion
 from lgmpc.errors import InputError
 from lgmpc.locomotion.command import CommandLimiter, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
@@ -207,15 +207,15 @@ class DesiredMotion:
         """Write the desired motion into the tasks of centre of mass and angular momentum: without a plan to follow."""
         tasks.com.targets_together[...], tasks.angular_momentum.targets_together[...] = self._centre, 0.0
 
-    def write_lift(self, tasks: MotionTasks, lift: RiseMotion, folding: LegFolding) -> None:
-        """Move the targets of standing by the lift's offset, and the joints towards the lying posture."""
+    def write_rise(self, tasks: MotionTasks, rise: RiseMotion, retraction: LegRetraction) -> None:
+        """Move the targets of standing by the rise's offset, and the joints towards the lying posture."""
         com, origin, joints = tasks.com.target, tasks.base_position.target, tasks.posture.target
-        self.target += lift.offset
-        self.base_target[:2] += lift.offset[:2]
-        self.base_target[2] += folding.base_share * lift.offset[2]
-        com.position[:], com.velocity[:], com.acceleration[:] = self.target, lift.velocity, lift.acceleration
-        origin.position[:], origin.velocity[:] = self.base_target[:3], lift.velocity
-        joints.position[:] += lift.lying * (folding.lying - joints.position)
+        self.target += rise.offset
+        self.base_target[:2] += rise.offset[:2]
+        self.base_target[2] += retraction.base_share * rise.offset[2]
+        com.position[:], com.velocity[:], com.acceleration[:] = self.target, rise.velocity, rise.acceleration
+        origin.position[:], origin.velocity[:] = self.base_target[:3], rise.velocity
+        joints.position[:] += rise.lying * (retraction.lying - joints.position)
 
     def write_horizon(self, motion: MotionReference, time: float, node_s: float, ground: TerrainBelief) -> None:
         """Write the desired motion at the nodes of a horizon that begins now."""

@@ -1,4 +1,4 @@
-"""What protects a robot beside its controller: limits, a slow start, and the person who watches it."""
+"""Protection of a robot beside its controller: limits, a slow start, and the person who watches it."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class Safety:
 
 
 class Operator:
-    """What the person who watches a robot wants; this one wants it to run.
+    """The wishes of the person who watches a robot; this one wishes it to run.
 
     Attributes:
         armed: whether commands may be sent. Before the first time nothing is sent; later the joints are damped.

@@ -53,7 +53,7 @@ class RobotLink(Protocol):
 
     @property
     def place(self) -> str:
-        """Where controllers find it, in words."""
+        """The address for controllers, in words."""
 
     def wait_for_controller(self, timeout_s: float) -> bool:
         """Wait for a controller, and return whether one came."""

@@ -61,7 +61,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Viewing:
-    """Where the page is served.
+    """Settings of the page's server.
 
     Attributes:
         port: to listen at; 0 for any free one.

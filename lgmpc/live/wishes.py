@@ -1,4 +1,4 @@
-"""What the page asks of the run, and what the run tells the page, besides the rows of the ring.
+"""Messages between the page and the run, besides the rows of the ring.
 
 The page also sends changes of the motion command, as entries of a config's ``commands`` whose time does not matter.
 """

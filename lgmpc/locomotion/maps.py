@@ -37,7 +37,7 @@ _HALF_RINGS = np.concatenate([r * np.column_stack([np.cos(_DIRECTIONS), np.sin(_
 
 @runtime_checkable
 class ElevationMap(Protocol):
-    """What a robot knows of the ground around it, in the frame of its state estimate."""
+    """A robot's map of the ground around it, in the frame of its state estimate."""
 
     def update(self, time: float, pose: Array) -> None:
         """Move on to ``time``, s, and the base's pose (7,): position, m, and quaternion x y z w."""

@@ -29,7 +29,7 @@ _PER_METRE = 1.0  # 1/m
 
 
 class StepReactionSettings(Settings):
-    """When a standing robot steps, and how."""
+    """Thresholds and durations of a standing robot's steps against pushes."""
 
     enabled: bool = Field(default=False, strict=True, description="Whether a standing robot steps against pushes.")
     margin_m: Finite = Field(

@@ -30,7 +30,7 @@ _RIDGE = 1e-6
 
 
 class TerrainBeliefSettings(Settings):
-    """What a robot takes the ground for: conclusions from its footholds, or a map."""
+    """The ground as a robot believes it to be: conclusions from its footholds, or a map."""
 
     filter_share: Positive = Field(
         default=0.5,

@@ -171,7 +171,7 @@ class MotionSampler:
     Attributes:
         motion: the last samples, with n rows.
         com: (n, 9) of them, centre of mass, its velocity and acceleration.
-        turning: (n, 6) of them, angular momentum and its rate.
+        angular_momentum: (n, 6) of them, angular momentum and its rate.
 
     Raises:
         CompileError: the compiler failed.
@@ -181,7 +181,7 @@ class MotionSampler:
         self._forces = np.zeros((count, 3 * contacts))
         table = np.zeros((count, 18))
         rows = dict(zip(_MOTION, np.split(table, 6, axis=1), strict=True))
-        self.com, self.turning = table[:, :9], table[:, 12:]
+        self.com, self.angular_momentum = table[:, :9], table[:, 12:]
         self.motion = MotionSample(**rows, forces=self._forces.reshape(count, contacts, 3))
         self._start, self._end = np.zeros((2, count, 9))
         self._since, self._plan = np.zeros((count, 1)), np.zeros(2)

@@ -121,7 +121,7 @@ class LineSearchSqp(IterativeSolver):
         self._global = self._was_global = self._near = self._attempted = False
         self._attempt_below = _ATTEMPT_BELOW
         self._best, self._idle = np.inf, 0
-        self.qp_solver.may_take_over = False  # as long as steps can still be left to the augmented Lagrangian
+        self.qp_solver.may_use_fallbacks = False  # as long as steps can still be left to the augmented Lagrangian
         self._start = Trajectory(f.xs.copy(), f.us.copy())
         self._linearize(0)
         self._kkt = KktResidual.unknown()
@@ -175,7 +175,7 @@ class LineSearchSqp(IterativeSolver):
     def _start_globaliser(self) -> bool:
         """Start the augmented Lagrangian from the current point; False if it does not take the problem."""
         self._was_global = True
-        self.qp_solver.may_take_over = True
+        self.qp_solver.may_use_fallbacks = True
         if self._globaliser is None:
             tolerance = max(self.settings.tolerance, 1e-9)
             settings = AugmentedLagrangianSettings(tolerance=tolerance)

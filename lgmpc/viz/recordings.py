@@ -60,7 +60,7 @@ class _Arrows:
 
 @dataclass(frozen=True)
 class _Recording:
-    """What both formats write.
+    """The content of both formats.
 
     Attributes:
         times: (k,) of the pictures, s since the start of the run.

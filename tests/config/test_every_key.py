@@ -200,7 +200,7 @@ SOLO = {
     "stopped": Scene(
         "solo12_rise",
         ["commands=[{at_s: 0.02, mode: damp}, {at_s: 0.3, mode: stand}]", "duration_s=0.8"],
-        ("modes.rest_s",),
+        ("modes.lie_still_s",),
     ),
     "weak": Scene(
         "solo12_fall",

@@ -9,7 +9,7 @@ import pytest
 
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
-from lgmpc.control.lying import LegFolding, LyingSettings, RiseMotion, least_jerk
+from lgmpc.control.lying import LegRetraction, LyingSettings, RiseMotion, least_jerk
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import lying_posture
 from lgmpc.robot.posture import contact_heights
@@ -23,7 +23,7 @@ def robot() -> Robot:
 
 
 def test_folding_goes_smoothly_to_the_lying_posture(robot: Robot) -> None:
-    folding, joints = LegFolding(robot, SETTINGS), np.zeros(robot.nu)
+    folding, joints = LegRetraction(robot, SETTINGS), np.zeros(robot.nu)
     joints[1::3] = 1.4
     folding.begin(2.0, joints, np.zeros(robot.nu))
     np.testing.assert_allclose(folding.lying, lying_posture(robot)[robot.joint_q])
@@ -38,7 +38,7 @@ def test_folding_goes_smoothly_to_the_lying_posture(robot: Robot) -> None:
 
 
 def test_the_feet_are_lifted_before_they_are_put_down(robot: Robot) -> None:
-    folding, q = LegFolding(robot, SETTINGS), lying_posture(robot)
+    folding, q = LegRetraction(robot, SETTINGS), lying_posture(robot)
     folding.begin(0.0, np.zeros(robot.nu), np.zeros(robot.nu))
     heights = []
     for t in np.arange(0.0, 4.0, 0.01):
@@ -49,7 +49,7 @@ def test_the_feet_are_lifted_before_they_are_put_down(robot: Robot) -> None:
 
 
 def test_folding_torques_begin_with_the_present_one_are_bounded_and_vanish_when_folded(robot: Robot) -> None:
-    folding, rest, torque = LegFolding(robot, SETTINGS), np.zeros(robot.nu), np.linspace(-1.0, 1.0, robot.nu)
+    folding, rest, torque = LegRetraction(robot, SETTINGS), np.zeros(robot.nu), np.linspace(-1.0, 1.0, robot.nu)
     folding.begin(0.0, folding.lying, torque)
     np.testing.assert_allclose(folding.torques(0.0, folding.lying, rest), torque, atol=1e-12)
     np.testing.assert_array_equal(folding.torques(10.0, folding.lying, rest), 0.0)

@@ -106,7 +106,7 @@ def test_what_does_not_lead_from_standing_to_standing_is_refused(robot: Robot) -
 def test_a_landing_waits_on_stretched_legs_and_stands(robot: Robot) -> None:
     landing, terms = Maneuver.landing(robot, PERIOD), WholeBodyTerms(robot)
     (begin, end), *others = landing.flights
-    assert (begin, others) == (0, []) and landing.patience_s == 1.0
+    assert (begin, others) == (0, []) and landing.longest_wait_s == 1.0
     longer = landing.q[0, 2] - robot.q_reference[2]
     assert 0.03 < longer < 0.1  # of 0.24 m
     np.testing.assert_allclose(landing.points[0, :, :2], landing.points[-1, :, :2], atol=1e-3)  # below the same hips

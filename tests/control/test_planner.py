@@ -47,6 +47,6 @@ def test_the_sampler_reads_the_plan_by_time() -> None:
         com = [expected.com, expected.com_velocity, expected.com_acceleration]
         np.testing.assert_allclose(sampler.com[row], np.concatenate(com), atol=1e-9)
         turning = [expected.angular_momentum, expected.angular_momentum_rate]
-        np.testing.assert_allclose(sampler.turning[row], np.concatenate(turning), atol=1e-9)
+        np.testing.assert_allclose(sampler.angular_momentum[row], np.concatenate(turning), atol=1e-9)
     sampler.clear()
     assert sampler.plan is None and sampler.motion is None

@@ -6,7 +6,7 @@ import pytest
 
 from lgmpc.config.build import build_controller, build_robot
 from lgmpc.config.loading import load_config
-from lgmpc.control.lying import LegFolding, LyingSettings, RiseMotion
+from lgmpc.control.lying import LegRetraction, LyingSettings, RiseMotion
 from lgmpc.control.reference import CircleReference, DesiredMotion, MotionTasks, StandReference
 from lgmpc.errors import InputError
 from lgmpc.locomotion.legs import LegGeometry
@@ -75,13 +75,13 @@ def test_a_lying_robot_has_the_base_of_its_lying_posture_as_target() -> None:
     heights = [float(pin.centerOfMass(robot.model, data, q)[2]) for q in (lying, robot.q_reference)]
     tasks, legs = MotionTasks.of(build_controller(config, robot).wbc.tasks), LegGeometry.of(robot)
     desired = DesiredMotion(robot, legs, LocomotionSettings(), None)
-    folding, lift = LegFolding(robot, LyingSettings()), RiseMotion(LyingSettings())
+    folding, lift = LegRetraction(robot, LyingSettings()), RiseMotion(LyingSettings())
     desired.builder.begin(np.array([3.0, -2.0, 0.0]), 0.7)
     desired.write_targets(tasks, 0.0, TerrainBelief(robot.nc, legs.height))
     com, base = desired.target.copy(), desired.base_target.copy()
     lift.begin(0.0, np.array([0.02, -0.01, heights[0] - heights[1]]), np.zeros(3))
     lift.update(0.0)
-    desired.write_lift(tasks, lift, folding)
+    desired.write_rise(tasks, lift, folding)
     np.testing.assert_allclose(desired.target - com, [0.02, -0.01, heights[0] - heights[1]], atol=1e-12)
     descent = [0.02, -0.01, lying[2] - robot.q_reference[2]]
     np.testing.assert_allclose(desired.base_target[:3] - base[:3], descent, atol=1e-12)

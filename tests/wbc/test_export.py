@@ -101,6 +101,10 @@ def test_what_cannot_be_written_in_c_is_named(tmp_path: Path, solo12) -> None:
         TickRecorder(WholeBodyController(solo12, WholeBodySettings(), tasks))
     with pytest.raises(InputError, match=r"^wbc.solver: got proxqp"):
         TickRecorder(WholeBodyController(solo12, WholeBodySettings(solver="proxqp")))
+    measured = load_config("solo12_balance", ["duration_s=0.02", "timing.computing=measured"])
+    measured = run_config(measured, out=tmp_path / "measured")
+    with pytest.raises(InputError, match=r"^timing.computing: got measured.*--set timing.computing=modelled"):
+        export_tick(measured.folder.path, tmp_path / "tick")
     run = run_config(load_config("solo12_balance", ["duration_s=0.02"]), out=tmp_path / "runs")
     (tmp_path / "mine").write_text("mine")
     with pytest.raises(InputError, match=r"^--c: .*a new or an empty folder"):

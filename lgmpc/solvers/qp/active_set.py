@@ -31,7 +31,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from lgmpc.compile import compile_source, frame_of
+from lgmpc.compile import EXACT, compile_source, frame_of
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
@@ -76,7 +76,7 @@ class ActiveSetSolver:
     Attributes:
         iterations: factorisations of the last solve, and the fallbacks' iterations if they took over.
         took_over: whether a fallback did the last solve.
-        may_take_over: whether fallbacks are used at all; without them the status of such solves is FAILED.
+        may_use_fallbacks: whether fallbacks are used at all; without them the status of such solves is FAILED.
         available: whether the machine code is available.
 
     Raises:
@@ -101,7 +101,7 @@ class ActiveSetSolver:
         self.qp, self.tolerance, self.max_sweeps, self.max_iterations = qp, tolerance, max_sweeps, max_iterations
         self.iterations = 0
         self.took_over = False
-        self.may_take_over = True
+        self.may_use_fallbacks = True
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
         piqp = (PiqpSolver(qp, 1e-2 * tolerance, most, kind) for kind, most in _PIQP) if fallbacks is None else ()
         self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)
@@ -152,7 +152,7 @@ class ActiveSetSolver:
             if self._ready and finite and self._interior_point():
                 return Status.CONVERGED
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
-        if finite and (self._ready or self._scale < 0.0) and not self.may_take_over:
+        if finite and (self._ready or self._scale < 0.0) and not self.may_use_fallbacks:
             return Status.FAILED
         return self._solve_otherwise(dx0, finite)
 
@@ -295,7 +295,7 @@ class Penalties:
     ) -> None:
         s = qp.structure
         source = files("lgmpc.solvers.qp").joinpath("penalties.c").read_text(encoding="utf-8")
-        library = compile_source("lgmpc_penalties", source)
+        library = compile_source("lgmpc_penalties", EXACT + source)
         self.available = library is not None
         self.mu: Array = np.zeros((s.nodes, s.ng))
         self.point: Array = np.zeros((s.nodes, s.ng))

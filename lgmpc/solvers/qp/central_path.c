@@ -1,17 +1,4 @@
-/* Mehrotra's predictor and corrector in the rows of all stages; central_path.py says what is computed. */
-
-#include <math.h>
-
-#ifdef __clang__
-  #pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
-  #pragma GCC optimize ("O3,fp-contract=off")
-#endif
-#ifdef __GNUC__
-  #define EXPORT __attribute__((visibility("default")))
-#else
-  #define EXPORT
-#endif
+/* Mehrotra's predictor and corrector in the rows of all stages; central_path.py says what is computed. exact.c comes before. */
 
 typedef struct {
   double limit, sign, active; /* sign: -1 from below, 1 from above; active: whether the last prediction took the slack */

@@ -17,7 +17,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from lgmpc.compile import compile_source, frame_of
+from lgmpc.compile import EXACT, compile_source, frame_of
 from lgmpc.typing import Array
 
 __all__ = ["CentralPath", "nearest_in"]
@@ -67,7 +67,7 @@ class CentralPath:
         known: Array,
     ) -> None:
         source = files("lgmpc.solvers.qp").joinpath("central_path.c").read_text(encoding="utf-8")
-        library = compile_source("lgmpc_central_path", source)
+        library = compile_source("lgmpc_central_path", EXACT + source)
         self.available = library is not None
         self.settled = False
         self.point, self.multipliers, held = (np.zeros(rows.shape) for _ in range(3))

@@ -66,7 +66,7 @@ class GeneralQpSolver(ABC):
     """
 
     name: str
-    may_take_over = True
+    may_use_fallbacks = True
     module: ClassVar[str]
     """Of the package."""
     package: ClassVar[str]

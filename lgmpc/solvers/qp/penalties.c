@@ -1,17 +1,4 @@
-/* Rows of an augmented Lagrangian, of all stages; penalties.py says what is computed. */
-
-#include <math.h>
-
-#ifdef __clang__
-  #pragma STDC FP_CONTRACT OFF
-#elif defined(__GNUC__)
-  #pragma GCC optimize ("O3,fp-contract=off")
-#endif
-#ifdef __GNUC__
-  #define EXPORT __attribute__((visibility("default")))
-#else
-  #define EXPORT
-#endif
+/* Rows of an augmented Lagrangian, of all stages; active_set.py says what is computed. exact.c comes before. */
 
 typedef struct {
   const long long* plan; /* stages, rows of each, how far apart the stages' bounds are */

@@ -76,14 +76,14 @@ class QpSolver(Protocol):
         qp: the problem.
         solution: of the last solve.
         iterations: that the last solve took.
-        may_take_over: whether a slower one may solve what it does not; without meaning where there is none.
+        may_use_fallbacks: whether a slower one may solve what it does not; without meaning where there is none.
     """
 
     name: str
     qp: OcpQp
     solution: QpSolution
     iterations: int
-    may_take_over: bool
+    may_use_fallbacks: bool
 
     def prepare(self) -> None:
         """Read the matrices of :attr:`qp`, and factorise as far as possible without the first state."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Annotated, Literal, Protocol
@@ -18,7 +20,7 @@ from lgmpc.estimation.checks import duration_of, instance
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing
-from lgmpc.estimation.plausibility import MeasurementMonitor
+from lgmpc.estimation.plausibility import MOST_FAULTS, MeasurementMonitor
 from lgmpc.lie import checks, quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP, lever
@@ -32,7 +34,9 @@ _LOG = logging.getLogger(__name__)
 
 
 _OLDEST_S = 0.2
-"""Largest age of an external pose that is used, s."""
+"""Largest age of an external pose or velocity that is used, s."""
+_OUTLIER = 8.0
+"""Distance of an external pose or velocity from the estimate at which it cannot be true, in standard deviations."""
 _CONTACT_FORCE = (0.12, 0.8)
 """N per kg of the robot: thresholds of lift-off and touchdown. A quarter of the weight is 2.5."""
 
@@ -90,6 +94,9 @@ class LeggedEstimatorSettings(ImuNoise):
     external_rotation_noise_rad: Annotated[Positive, Field(le=1.0)] = Field(
         default=5e-3, description="Standard deviation of an external orientation in each axis, rad."
     )
+    external_velocity_noise_m_s: Annotated[Positive, Field(le=10.0)] = Field(
+        default=0.03, description="Standard deviation of an external velocity in each axis, m/s."
+    )
     replace_implausible: bool = Field(
         default=True,
         strict=True,
@@ -105,72 +112,87 @@ class LeggedEstimatorSettings(ImuNoise):
 
 
 class _External:
-    """Corrections of a filter by base poses of an external source, which arrive late.
+    """Corrections of a filter by base poses and velocities of an external source, which arrive late.
 
-    The motion since a pose was taken is that of the estimates. The present pose that follows from both is measured by
-    six points around the base, whose noise is equal to that of position and orientation. The first pose defines the
-    world's axes and origin.
+    The motion since a measurement is that of the estimates: both lead to the present pose and velocity, which correct
+    the filter. The first pose defines the world's axes and origin; velocities are in base axes, and need no pose.
+    One that is far off the estimate, measured by the covariances of both, is left out unless that persists: then the
+    pose defines the world anew.
 
     Args:
         ekf: the filter.
         settings: of the estimator.
         period: of the readings, s.
+        monitor: counts what is left out; where there is none, nothing is.
     """
 
-    def __init__(self, ekf: InvariantEkf, settings: LeggedEstimatorSettings, period: float) -> None:
-        self._ekf, self._settings, self._period = ekf, settings, period
-        shift, turn = settings.external_position_noise_m, settings.external_rotation_noise_rad
-        # Six measured points give the position the variance s^2 / 6, and the rotation s^2 / (4 r^2).
-        self._points = math.sqrt(1.5) * shift / turn * np.vstack([np.eye(3), -np.eye(3)])
-        self._noise = 6.0 * shift**2 * np.eye(3)
+    def __init__(
+        self, ekf: InvariantEkf, settings: LeggedEstimatorSettings, period: float, monitor: MeasurementMonitor | None
+    ) -> None:
+        self._ekf, self._settings, self._period, self._monitor = ekf, settings, period, monitor
         self.reset()
 
     def reset(self) -> None:
         """Forget what was before the next reading."""
         self._past: deque[Array] = deque(maxlen=math.ceil(_OLDEST_S / self._period) + 1)
-        self._used = self.anchored = False
+        self._used = self._anchored = False
+        self._outliers = {"external_pose": 0, "external_velocity": 0}
 
-    def update(self, pose: Array | None, age: float) -> bool:
-        """Correct the estimate with a pose (7,) of ``age`` (s), if there is one; return whether it was the first."""
-        if pose is not None and not np.isfinite(pose).all():
-            pose = None
-        self._used = self._used or pose is not None
+    def update(self, reading: Measurement) -> bool:
+        """Correct the estimate with what a reading has of the source; return whether a pose defined the world."""
+        pose, velocity = _finite(reading.external_pose, 7), _finite(reading.external_velocity, 3)
+        given = pose is not None or velocity is not None
+        self._used = self._used or given
         if not self._used:
             return False
-        ekf = self._ekf
-        now = _pose_matrix(ekf.rotation, ekf.position)
+        ekf, settings, age = self._ekf, self._settings, reading.external_age or 0.0
+        now = ekf.pose[:5, :5].copy()
         self._past.append(now)
-        steps = round(age / self._period)
-        if pose is None or steps >= len(self._past):
+        if not (given and 0.0 <= age < (len(self._past) - 0.5) * self._period):
             return False
-        moved = np.linalg.solve(self._past[-1 - steps], now)
-        measured = _pose_matrix(quaternion.to_matrix(pose[3:]), pose[:3]) @ moved
-        rotation, position = measured[:3, :3], measured[:3, 3]
-        first, self.anchored = not self.anchored, True
-        if first:
-            self._begin(rotation, position)
-        else:
-            for point in self._points:
-                ekf.correct_known_landmark(position + point, point @ rotation, self._noise)
-        change = _pose_matrix(ekf.rotation, ekf.position) @ np.linalg.inv(now)
+        then = self._past[-1 - round(age / self._period)]
+        taken = then.copy()
+        if pose is not None:
+            taken[:3, :3], taken[:3, 4] = quaternion.to_matrix(pose[3:]), pose[:3]
+        taken[:3, 3] = taken[:3, :3] @ (then[:3, 3] @ then[:3, :3] if velocity is None else velocity)
+        measured = taken @ np.linalg.solve(then, now)
+        anew = pose is not None and (not self._anchored or self._outliers["external_pose"] >= MOST_FAULTS)
+        if anew:
+            self._begin(measured)
+        elif pose is not None:
+            deviations = settings.external_rotation_noise_rad, settings.external_position_noise_m
+            columns = measured[:3, [0, 1, 2, 4]].ravel(order="F")
+            self._correct("external_pose", reading.time, lambda gate: ekf.correct_pose(columns, deviations, gate))
+        if velocity is not None and not anew:
+            moving, deviation = measured[:3, 3] @ measured[:3, :3], settings.external_velocity_noise_m_s
+            correct = functools.partial(ekf.correct_velocity, moving, deviation)
+            self._correct("external_velocity", reading.time, correct)
+        change = ekf.pose[:5, :5] @ np.linalg.inv(now)
         for k, each in enumerate(self._past):
             self._past[k] = change @ each
-        return first
+        return anew
 
-    def _begin(self, rotation: Array, position: Array) -> None:
-        """Move the estimate to a pose, with its velocity and biases, without contacts."""
-        ekf, settings, state = self._ekf, self._settings, np.eye(5)
-        state[:3, :3], state[:3, 4] = rotation, position
-        state[:3, 3] = rotation @ (ekf.velocity @ ekf.rotation)
+    def _correct(self, name: str, time: float, correct: Callable[[float], float]) -> None:
+        """Correct, unless the measurement is an outlier and not one of a long series."""
+        watched = self._monitor is not None and self._outliers[name] < MOST_FAULTS
+        within = correct(_OUTLIER**2 if watched else math.inf) <= _OUTLIER**2
+        self._outliers[name] = 0 if within else self._outliers[name] + 1
+        if watched and not within:
+            assert self._monitor is not None
+            self._monitor.leave_out(name, time)
+
+    def _begin(self, pose: Array) -> None:
+        """Move the estimate to a pose with a velocity (5, 5), with its biases, without contacts."""
+        ekf, settings = self._ekf, self._settings
+        self._anchored, self._outliers["external_pose"] = True, 0
         spread = (settings.external_rotation_noise_rad, settings.start_velocity_m_s, settings.external_position_noise_m)
         biases = (settings.gyro_bias_rad_s, settings.accelerometer_bias_m_s2)
-        ekf.reset(state, np.repeat([*spread, *biases], 3), ekf.gyro_bias.copy(), ekf.accelerometer_bias.copy())
+        ekf.reset(pose, np.repeat([*spread, *biases], 3), ekf.gyro_bias.copy(), ekf.accelerometer_bias.copy())
 
 
-def _pose_matrix(rotation: Array, position: Array) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, position
-    return pose
+def _finite(values: Array | None, count: int) -> Array | None:
+    """Return the first numbers, if they are all finite."""
+    return None if values is None or not np.isfinite(values[:count]).all() else values[:count]
 
 
 class GroundBelief(Protocol):
@@ -223,7 +245,8 @@ class LeggedEstimator:
     On ground that counts as level, up to ``floor_noise_m``, each touchdown also measures the height of the contact
     point: the height does not drift, and a tilt can be distinguished from a bias of the accelerometer.
     The first reading must be taken at rest; it determines roll and pitch. World axes and origin are those of ``start``:
-    position and yaw are not observable and drift, slowly during contact, unless readings have external poses.
+    position and yaw are not observable and drift, slowly during contact, unless readings have external poses. External
+    velocities are fused too; their angular part is not used, as the gyro is far better.
 
     A quantity that cannot be true, such as a spike of one tick, is replaced by its prediction for some ticks
     (:class:`~lgmpc.estimation.MeasurementMonitor`). A reading that is not finite even then is skipped: the estimate is
@@ -289,7 +312,7 @@ class LeggedEstimator:
         self._speed_variance = settings.joint_velocity_noise_rad_s**2
         self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
-        self._external = _External(self.ekf, settings, period)
+        self._external = _External(self.ekf, settings, period, self.monitor)
         self._start = np.eye(5)
         self._start[:3, :3] = quaternion.to_matrix(start[3:])
         self._start[:3, 4] = start[:3]
@@ -345,7 +368,7 @@ class LeggedEstimator:
             ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
         if self.settings.floor_noise_m is not None and new.any():
             self._touch_floor(np.flatnonzero(new), self.settings.floor_noise_m)
-        if self._external.update(reading.external_pose, reading.external_age or 0.0):
+        if self._external.update(reading):
             _LOG.info("world axes and origin are those of the external source from %.3f s on", reading.time)
             self._floor = math.nan
         np.greater(self.contacts, ekf.touching, out=self.rejected)

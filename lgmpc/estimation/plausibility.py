@@ -11,12 +11,14 @@ from lgmpc.control.interface import Measurement
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["QUANTITIES", "MeasurementMonitor"]
+__all__ = ["MOST_FAULTS", "QUANTITIES", "MeasurementMonitor"]
 
 _LOG = logging.getLogger(__name__)
 
-QUANTITIES = ("gyro", "accelerometer", "joints", "speeds", "torques")
-"""Names of the monitored quantities; bit k of :attr:`MeasurementMonitor.faults` stands for the k-th."""
+QUANTITIES = ("gyro", "accelerometer", "joints", "speeds", "torques", "external_pose", "external_velocity")
+"""Names of the monitored quantities; bit k of :attr:`MeasurementMonitor.faults` stands for the k-th.
+
+Those of external sources are judged by the estimator, and left out."""
 
 _JUMP = 0.5
 """Share of a joint's velocity limit by which its speed changes at most within a tick; in falls of Solo12 0.4."""
@@ -30,7 +32,7 @@ _IMPACT_RATIO = 0.35
 """Least change of the joints' speeds, or of the angular velocity, over that of velocity / height; in impacts 0.7."""
 _TORQUE = 3.0
 """Largest torque over the joint's limit."""
-_MOST = 5
+MOST_FAULTS = 5
 """Consecutive readings after which a value that is finite is believed all the same."""
 _QUIET_S = 1.0
 
@@ -127,10 +129,7 @@ class MeasurementMonitor:
         accelerometer = self._counted("accelerometer", np.array(blow))
         if not self.faults:
             return reading
-        if reading.time - self._told > _QUIET_S:
-            self._told = reading.time
-            names = " and ".join(name for bit, name in enumerate(QUANTITIES) if self.faults & 1 << bit)
-            _LOG.warning("a reading of %s at %.3f s cannot be true: it is replaced", names, reading.time)
+        self._tell(reading.time, "it is replaced")
         return reading._replace(
             gyro=np.where(gyro, last.gyro, reading.gyro),
             accelerometer=np.where(accelerometer, last.accelerometer, reading.accelerometer),
@@ -139,6 +138,18 @@ class MeasurementMonitor:
             torques=np.where(torques, last.torques, reading.torques),
         )
 
+    def leave_out(self, name: str, time: float) -> None:
+        """Count a quantity of the last reading, of ``time`` (s), that the estimator found not to be true."""
+        self.faults |= 1 << QUANTITIES.index(name)
+        self.counts[name] += 1
+        self._tell(time, "it is left out")
+
+    def _tell(self, time: float, response: str) -> None:
+        if time - self._told > _QUIET_S:
+            self._told = time
+            names = " and ".join(name for bit, name in enumerate(QUANTITIES) if self.faults & 1 << bit)
+            _LOG.warning("a reading of %s at %.3f s cannot be true: %s", names, time, response)
+
     def _counted(self, name: str, wrong: BoolArray) -> BoolArray:
         """Return which elements are replaced: those that are wrong, but for a fault that persists."""
         if not wrong.any():
@@ -146,7 +157,7 @@ class MeasurementMonitor:
             return wrong
         self._series[name] += 1
         self._faulty = True
-        if self._series[name] > _MOST:
+        if self._series[name] > MOST_FAULTS:
             return np.zeros_like(wrong)
         self.faults |= 1 << QUANTITIES.index(name)
         self.counts[name] += 1

@@ -35,8 +35,8 @@ StatusArray = NDArray[np.int8]
 CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")
 """Contact states of a foot relative to the schedule; the channel ``contact_states`` consists of indices into this."""
 
-SENSOR_FAULTS = ("gyro", "accelerometer", "joints", "speeds", "torques")
-"""Quantities of a measurement; bit k of the channel ``sensor_faults`` says that the k-th was replaced."""
+SENSOR_FAULTS = ("gyro", "accelerometer", "joints", "speeds", "torques", "external_pose", "external_velocity")
+"""Quantities of a measurement; bit k of the channel ``sensor_faults`` says that the k-th was replaced or left out."""
 
 MODES = ("lie", "rise", "stand", "locomote", "recover", "sit", "damp", "maneuver")
 """Modes of the controller; the channel ``mode`` consists of indices into this."""

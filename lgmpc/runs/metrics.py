@@ -62,13 +62,15 @@ class EstimatorErrors:
 @described
 @dataclass(frozen=True)
 class SensorFaults:
-    """Ticks in which a quantity's reading could not be true and was replaced."""
+    """Ticks in which a quantity's reading could not be true, and was replaced or left out."""
 
     gyro: int = metric("Of the angular velocity.")
     accelerometer: int = metric("Of the specific force.")
     joints: int = metric("Of a joint angle.")
     speeds: int = metric("Of a joint's speed.")
     torques: int = metric("Of a joint torque.")
+    external_pose: int = metric("Of a pose by an external source, left out.", default=0)
+    external_velocity: int = metric("Of a velocity by an external source, left out.", default=0)
 
     @classmethod
     def of(cls, log: RunLog) -> SensorFaults | None:

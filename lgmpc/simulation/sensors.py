@@ -1,4 +1,4 @@
-"""Simulated sensors: an IMU at the base, joint encoders, torques from motor currents, poses of motion capture."""
+"""Simulated sensors: an IMU at the base, joint encoders, torques from motor currents, motion capture."""
 
 from __future__ import annotations
 
@@ -57,16 +57,21 @@ class SensorNoise(Settings):
         default=0.01, description="Standard deviation of a joint torque measured by its motor current, N.m."
     )
     external_rate_hz: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.0, description="Rate of base poses by motion capture or another external source, Hz; 0: none."
+        default=0.0,
+        description="Rate of base poses and velocities by motion capture or another external source, Hz; 0: none.",
     )
     external_delay_s: Annotated[NonNegative, Field(le=1.0)] = Field(
-        default=0.01, description="Age of an external pose when it arrives, s."
+        default=0.01, description="Age of external poses and velocities when they arrive, s."
     )
     external_position_noise_m: Noise = Field(
         default=1e-3, description="Standard deviation of an external position in each axis, m."
     )
     external_rotation_noise_rad: Noise = Field(
         default=2e-3, description="Standard deviation of an external orientation in each axis, rad."
+    )
+    external_velocity_noise_m_s: Noise | None = Field(
+        default=None,
+        description="Standard deviation of an external velocity in each axis, m/s. null: the source has poses only.",
     )
 
 
@@ -108,7 +113,8 @@ class Sensors:
         self._last: tuple[Array, Array] | None = None
         rate = noise.external_rate_hz
         self._every, self._reads = 0 if rate == 0.0 else max(1, round(1.0 / (rate * period))), 0
-        self._underway: deque[tuple[float, Array]] = deque()  # external poses, and when they were taken
+        # External poses and velocities, and when they were measured.
+        self._underway: deque[tuple[float, Array, Array | None]] = deque()
 
     @property
     def gyro_bias(self) -> Array:
@@ -141,7 +147,7 @@ class Sensors:
         joints = sample.q[7:] + noise.encoder_noise_rad * encoders
         if noise.encoder_step_rad > 0.0:
             joints = noise.encoder_step_rad * np.round(joints / noise.encoder_step_rad)
-        pose, age = self._external(sample) if self._every else (None, None)
+        pose, speed, age = self._external(sample)
         return Measurement(
             sample.time,
             rates[:3],
@@ -150,21 +156,26 @@ class Sensors:
             sample.v[6:] + noise.joint_velocity_noise_rad_s * speeds,
             sample.tau + noise.torque_noise_nm * torques,
             external_pose=pose,
+            external_velocity=speed,
             external_age=age,
         )
 
-    def _external(self, sample: PlantSample) -> tuple[Array | None, float | None]:
-        """Return the external pose that arrives now and its age, if one does."""
+    def _external(self, sample: PlantSample) -> tuple[Array | None, Array | None, float | None]:
+        """Return the external pose and velocity that arrive now and their age, if they do."""
         noise = self.noise
-        if self._reads % self._every == 0:
+        if self._every and self._reads % self._every == 0:
             shift, turn = self._rng.normal(size=(2, 3))
             pose = sample.q[:7].copy()
             pose[:3] += noise.external_position_noise_m * shift
             turned = so3.exp(noise.external_rotation_noise_rad * turn) @ quaternion.to_matrix.unchecked(pose[3:])
             pose[3:] = quaternion.from_matrix.unchecked(turned)
-            self._underway.append((sample.time, pose))
+            velocity, deviation = None, noise.external_velocity_noise_m_s
+            if deviation is not None:
+                velocity = sample.v[:6].copy()
+                velocity[:3] += deviation * self._rng.normal(size=3)
+            self._underway.append((sample.time, pose, velocity))
         self._reads += 1
         if not self._underway or sample.time - self._underway[0][0] < noise.external_delay_s - 0.5 * self._period:
-            return None, None
-        taken, pose = self._underway.popleft()
-        return pose, sample.time - taken
+            return None, None, None
+        taken, pose, velocity = self._underway.popleft()
+        return pose, velocity, sample.time - taken

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import sys
 from collections.abc import Callable
 
@@ -20,12 +21,16 @@ from lgmpc.estimation.invariant_ekf.programme import (
     correction,
     height_correction,
     known_landmark_correction,
+    pose_correction,
     prediction,
+    velocity_correction,
 )
 from lgmpc.lie import checks
 from lgmpc.typing import GRAVITY, Array
 
 __all__ = ["InvariantEkf", "chi_square_bound"]
+
+_BASE_SIZES = {"pose": 12, "velocity": 3}
 
 
 class InvariantEkf:
@@ -107,7 +112,7 @@ class InvariantEkf:
         self._flags, self._selected = np.zeros(contacts), np.zeros(contacts)
         self._used = np.zeros(contacts, dtype=np.bool_)
         self._one_point, self._one_noise, self._known = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
-        self._height = np.zeros(2)
+        self._height, self._given, self._square = np.zeros(2), np.zeros(15), np.zeros(1)
         offset = three("contact_offset", contact_offset)
         densities = (*noise.densities, slip)
         gravity = three("gravity", gravity)
@@ -308,6 +313,39 @@ class InvariantEkf:
         self._known_landmark_correction()
         self._state[:] = self._scratch
 
+    def correct_pose(self, pose: Array, deviations: tuple[float, float], gate: float = math.inf) -> float:
+        """Correct the estimate with a measured pose of the base.
+
+        Args:
+            pose: (12,) columns of the rotation, base to world, and position, m.
+            deviations: standard deviations of rotation (rad) and position (m) in each axis; above zero.
+            gate: largest normalised innovation squared that corrects the estimate.
+
+        Returns:
+            The normalised innovation squared, of six degrees of freedom.
+
+        Raises:
+            InputError: numbers that are not finite, or not twelve.
+        """
+        turn, shift = deviations
+        return self._correct_base(self._pose_correction, "pose", pose, (turn**2, shift**2, gate))
+
+    def correct_velocity(self, velocity: Array, deviation: float, gate: float = math.inf) -> float:
+        """Correct the estimate with a measured velocity of the base's origin.
+
+        Args:
+            velocity: (3,) base axes, m/s.
+            deviation: its standard deviation in each axis, m/s; above zero.
+            gate: largest normalised innovation squared that corrects the estimate.
+
+        Returns:
+            The normalised innovation squared, of three degrees of freedom.
+
+        Raises:
+            InputError: numbers that are not finite, or not three.
+        """
+        return self._correct_base(self._velocity_correction, "velocity", velocity, (deviation**2, gate))
+
     def error(self, pose: Array, biases: Array) -> Array:
         """Return (15 + 3k,) the error of the estimate, whose covariance is :attr:`covariance`.
 
@@ -332,6 +370,25 @@ class InvariantEkf:
         write("measured", measured, self._one_point)
         write("covariance", covariance, self._one_noise)
 
+    def _correct_base(self, correct: Callable[[], int], name: str, measured: Array, rest: tuple[float, ...]) -> float:
+        """Correct with a measurement of the base; ``rest`` are its variances and the gate."""
+        size = _BASE_SIZES[name]
+        write(name, measured, self._given[:size])
+        self._given[size : size + len(rest)] = rest
+        correct()
+        square = float(self._square[0])
+        if square <= rest[-1]:
+            self._state[:] = self._scratch
+        return square
+
+    @functools.cached_property
+    def _pose_correction(self) -> Callable[[], int]:
+        return self._bind_correction(pose_correction, {"given": self._given[:15], "square": self._square})
+
+    @functools.cached_property
+    def _velocity_correction(self) -> Callable[[], int]:
+        return self._bind_correction(velocity_correction, {"given": self._given[:5], "square": self._square})
+
     @functools.cached_property
     def _known_landmark_correction(self) -> Callable[[], int]:
         inputs = {"measured": self._one_point, "noise": self._one_noise.ravel(), "landmark": self._known}
@@ -343,11 +400,11 @@ class InvariantEkf:
         return self._bind_correction(height_correction, inputs)
 
     def _bind_correction(
-        self, function: Callable[[ErrorForm, int], ca.Function], inputs: dict[str, Array]
+        self, function: Callable[[ErrorForm, int], ca.Function], memory: dict[str, Array]
     ) -> Callable[[], int]:
-        """Connect a correction to the filter's memory."""
+        """Connect a correction to the filter's memory, and to that of its own arguments and results."""
         kernel = StageKernel.of(function, self.form, self.contacts)
-        return kernel.bind(1, **self._before, **self._after, bias_next=self._next_bias, **inputs)
+        return kernel.bind(1, **self._before, **self._after, bias_next=self._next_bias, **memory)
 
 
 def chi_square_bound(probability: float) -> float:

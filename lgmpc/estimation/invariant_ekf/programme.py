@@ -19,7 +19,9 @@ __all__ = [
     "correction",
     "height_correction",
     "known_landmark_correction",
+    "pose_correction",
     "prediction",
+    "velocity_correction",
 ]
 
 _CORRECTED = ["pose_next", "bias_next", "covariance_next"]
@@ -207,6 +209,61 @@ def height_correction(form: ErrorForm, contacts: int) -> ca.Function:
     )
 
 
+def pose_correction(form: ErrorForm, contacts: int) -> ca.Function:
+    """Return the Kalman update with a measured pose of the base.
+
+    Inputs: ``pose``, ``bias``, ``covariance``, ``given`` (15,): columns of the rotation, position, variances of both
+    in each axis, gate. Output ``square`` (1,): normalised innovation squared, of six degrees of freedom. A pose whose
+    square is above the gate does not correct the estimate.
+    """
+    state, given = _state(contacts), ca.SX.sym("given", 15)
+    before, rotation, position = _assume_group(state[0]), ca.reshape(given[:9], 3, 3), given[9:12]
+    innovation = ca.vertcat(so3.log(before[:3, :3] @ rotation.T), before[:3, 4] - position)
+    rows = ca.kron(ca.DM([[1, 0, 0], [0, 0, 1]]), ca.DM.eye(3))
+    noise = ca.diag(ca.kron(given[12:14], ca.DM.ones(3)))
+    return _base_correction("pose", form, state, given, innovation, rows, noise)
+
+
+def velocity_correction(form: ErrorForm, contacts: int) -> ca.Function:
+    """Return the Kalman update with a measured velocity of the base's origin.
+
+    Inputs: ``pose``, ``bias``, ``covariance``, ``given`` (5,): velocity in base axes, variance in each axis, gate.
+    Output ``square`` (1,): as of :func:`pose_correction`, with three degrees of freedom.
+    """
+    state, given = _state(contacts), ca.SX.sym("given", 5)
+    before, eye = _assume_group(state[0]), ca.SX.eye(3)
+    innovation = before[:3, 3] - before[:3, :3] @ given[:3]
+    rows = ca.horzcat(so3.hat(before[:3, 3]), eye, ca.SX(3, 3))
+    return _base_correction("velocity", form, state, given, innovation, rows, given[3] * eye)
+
+
+def _base_correction(
+    name: str, form: ErrorForm, state: tuple[Any, Any, Any], given: Any, innovation: Any, rows: Any, noise: Any
+) -> ca.Function:
+    """Return the update with ``innovation = rows d + noise``: ``d`` (9,) are the base's plain differences.
+
+    The error is ``(B d_rotation, A d_rotation + C d_columns)`` with the orthogonal blocks ``B`` and ``C`` of
+    :meth:`ErrorForm.from_differences`, solved for ``d``.
+    """
+    pose, bias, covariance = state
+    before = _assume_group(pose)
+    change = form.from_differences(_pack(before[:3, :3], before[:3, 3:5]))
+    matrix = rows[:, 3:] @ change[3:, 3:].T
+    matrix = ca.horzcat((rows[:, :3] - matrix @ change[3:, :3]) @ change[:3, :3].T, matrix)
+    gain = covariance[:, :9] @ matrix.T
+    factor = _cholesky(matrix @ gain[:9, :] + noise)
+    surprise = _solve_lower(factor, innovation)
+    square = ca.sumsqr(surprise)
+    scaled = (square <= given[-1]) * _solve_lower(factor, gain.T).T
+    return ca.Function(
+        f"inekf_correct_{name}_{form.name}_{int(pose.shape[0]) - 5}",
+        [pose, bias, covariance, given],
+        [*_corrected(form, before, bias, scaled @ surprise), _symmetric(covariance - scaled @ scaled.T), square],
+        ["pose", "bias", "covariance", "given"],
+        [*_CORRECTED, "square"],
+    )
+
+
 def _state(points: int) -> tuple[Any, Any, Any]:
     """Return symbols of pose, bias and covariance."""
     columns, size = 5 + points, 15 + 3 * points
@@ -289,11 +346,12 @@ def _orthonormal(rotation: Any) -> Any:
 
 
 def _cholesky(matrix: Any) -> Any:
-    factor = ca.SX(3, 3)
-    for j in range(3):
+    count = int(matrix.shape[0])
+    factor = ca.SX(count, count)
+    for j in range(count):
         pivot = matrix[j, j] - sum((factor[j, k] ** 2 for k in range(j)), ca.SX(0))
         factor[j, j] = ca.sqrt(pivot)
-        for i in range(j + 1, 3):
+        for i in range(j + 1, count):
             inner = sum((factor[i, k] * factor[j, k] for k in range(j)), ca.SX(0))
             factor[i, j] = (matrix[i, j] - inner) / factor[j, j]
     return factor
@@ -301,7 +359,7 @@ def _cholesky(matrix: Any) -> Any:
 
 def _solve_lower(factor: Any, right: Any) -> Any:
     rows: list[Any] = []
-    for i in range(3):
+    for i in range(int(factor.shape[0])):
         row = right[i, :] - sum((factor[i, k] * rows[k] for k in range(i)), ca.SX(1, right.shape[1]))
         rows.append(row / factor[i, i])
     return ca.vertcat(*rows)

@@ -315,3 +315,16 @@ def test_runs_are_judged_along_the_normals_of_the_ground() -> None:
     assert found == []
     knowing = {module for module, path in modules(PACKAGE / "runs") if "radius *" in path.read_text(encoding="utf-8")}
     assert knowing == {"ground"}
+
+
+def test_feet_know_where_they_touch() -> None:
+    """Outside of robot/ nothing reads a robot's radius of contact, or goes down by it: ``robot.foot_points`` does."""
+    down = re.compile(r"robot\.contact_radius|\be_z\b|- radius \* |0\.0, 0\.0, -?radius\]")
+    found = {
+        module: match.group()
+        for module, path in modules(PACKAGE)
+        for match in down.finditer(path.read_text(encoding="utf-8"))
+        if not inside(module, "robot runs.ground")
+    }
+    assert found == {}
+    assert down.search((PACKAGE / "robot" / "soles.py").read_text(encoding="utf-8"))

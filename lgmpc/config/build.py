@@ -197,7 +197,7 @@ def build_recorder(
         mass=mass,
         contact_frames=robot.contact_frames,
         friction=friction,
-        contact_radius=robot.contact_radius,
+        contact_radius=robot.foot_points.radius,
         upright_axis=robot.upright_axis,
         world=world,
         hands=len(config.wbc.hands),

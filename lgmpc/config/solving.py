@@ -64,7 +64,7 @@ def trajectory_log(scenario: Scenario, solution: Solution, iterations: Sequence[
     forces = np.zeros((nodes, nc, 3))
     if finite:
         com[:] = com_positions(robot, trajectory.xs)
-        points[:] = contact_positions(robot, trajectory.xs) - [0.0, 0.0, robot.contact_radius]
+        points[:] = contact_positions(robot, trajectory.xs) + robot.foot_points.lever()
         if scenario.contact_forces is not None:
             forces[:] = scenario.contact_forces(trajectory)
     controls = scenario.controls

@@ -241,7 +241,7 @@ class LeggedController:
         if planner.due(time) or self.feet.changed:
             self._write_horizon(time, planner)
             planner.plan_from(time, terms)
-            steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces[:, 2])
+            steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces)
             self._inputs.reacting |= steps.return_feet(time, self._motion, self.command.moves, self._mode_settings)
             self._planned, self._plan_s = True, perf_counter() - started
         elif steps.deciding:

@@ -55,11 +55,11 @@ class LegRetraction:
         pin.framesForwardKinematics(robot.model, data, q)
         feet = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
         com = float(pin.centerOfMass(robot.model, data, q)[2])
-        self.height = com - float(feet[:, 2].mean()) + robot.contact_radius
+        self.height = com - float(feet[:, 2].mean()) + robot.foot_points.radius
         crouching = crouching_posture(robot, float(q[2]))
         pin.framesForwardKinematics(robot.model, data, crouching)
         lowest = float(np.mean([data.oMf[frame].translation[2] for frame in robot.contact_ids]))
-        self.crouch = float(pin.centerOfMass(robot.model, data, crouching)[2]) - lowest + robot.contact_radius
+        self.crouch = float(pin.centerOfMass(robot.model, data, crouching)[2]) - lowest + robot.foot_points.radius
         standing = float(pin.centerOfMass(robot.model, data, robot.q_reference)[2])
         self.base_share = (float(q[2] - robot.q_reference[2])) / (com - standing) if com != standing else 1.0
         raised = place_feet(robot, q, q[:3], feet + [0.0, 0.0, settings.clearance_m])

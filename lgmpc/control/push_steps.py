@@ -127,7 +127,7 @@ class PushSteps:
             terms: sensed quantities.
             motion: of the robot in the plane.
             friction: to rely on.
-            forces: (nc,) normal forces of the feet, N.
+            forces: (nc, 3) on the contact points, world axes, N.
         """
         plan = planner.plan
         if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.fresh):
@@ -142,7 +142,7 @@ class PushSteps:
             desired, (intervals, feet) = planner.motion.copy(), planner.contacts.flags.shape
             desired.catching = True
             contacts = ContactHorizon.allocate(intervals, feet)
-            loads = self._feet.points.total(forces)
+            loads = self._feet.points.total(np.sum(forces * terms.normals, axis=1))
             self._pushed = _Pushed(state, planner.wrench, motion, desired, contacts, friction, loads)
 
     def decide(self, time: float, planner: Planner) -> bool:

@@ -23,7 +23,7 @@ from lgmpc.estimation.legs import ContactDetector, LegSensing
 from lgmpc.estimation.plausibility import MOST_FAULTS, MeasurementMonitor
 from lgmpc.lie import checks, quaternion, so3
 from lgmpc.robot import Robot
-from lgmpc.robot.feet import UP, lever
+from lgmpc.robot.feet import UP
 from lgmpc.robot.scaling import normal_force_range
 from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero
 from lgmpc.typing import Array, BoolArray, IntArray
@@ -293,12 +293,12 @@ class LeggedEstimator:
             settings,
             slip=settings.slip_m_s_rt_hz,
             gravity=robot.gravity,
-            contact_offset=-lever(robot.contact_radius, np.array(UP)),
+            contact_offset=-robot.foot_points.lever(),
             form=FORMS[settings.form],
             outlier_probability=settings.outlier_probability,
         )
         self.ground: GroundBelief = LevelGround()
-        self._even, self._radius = True, robot.contact_radius
+        self._even, self._feet = True, robot.foot_points
         self.monitor = MeasurementMonitor(robot, period) if settings.replace_implausible else None
         self.failures = 0
         self.spent = 0.0
@@ -386,7 +386,7 @@ class LeggedEstimator:
             return
         self._even = level
         self.legs.normals[...] = self.ground.normals
-        self.ekf.contact_offset[...] = -lever(self._radius, self.ground.normal)
+        self.ekf.contact_offset[...] = -self._feet.lever(self.ground.normal)
 
     def _touch_floor(self, feet: IntArray, noise: float) -> None:
         """Correct with the height of a level floor at the contact points of ``feet``; the first ones define it."""

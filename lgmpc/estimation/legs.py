@@ -11,7 +11,7 @@ from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, instance, number, whole
 from lgmpc.robot import Robot
-from lgmpc.robot.feet import UP, lever
+from lgmpc.robot.feet import UP
 from lgmpc.robot.friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
 
@@ -144,7 +144,7 @@ def _leg_function(robot: Robot) -> ca.Function:
         square = jacobian @ jacobian.T
         position, rates = model.frame_placement(level, frame).translation, whole[3:, :] @ speeds
         moving = rotation @ (ca.cross(gyro, position) + jacobian @ speeds)
-        rolling = ca.cross(rotation @ (gyro + rates), lever(robot.contact_radius, normals[3 * i : 3 * i + 3]))
+        rolling = ca.cross(rotation @ (gyro + rates), robot.foot_points.lever(normals[3 * i : 3 * i + 3]))
         outputs["positions"].append(position)
         outputs["covariances"].append(ca.vec(variances[0] * square + variances[1] * ca.SX.eye(3)))
         outputs["rates"].append(rates)

@@ -14,7 +14,6 @@ from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot, leg_chain, leg_joints, leg_normals
-from lgmpc.robot.feet import UP, touching
 from lgmpc.typing import Array
 
 __all__ = ["LegGeometry", "leg_inertias", "leg_momentum"]
@@ -89,7 +88,7 @@ class LegGeometry:
             knees.append(data.oMi[joints[-1]].translation.copy())
             between, end = (joints[1:-1], joints[-1]) if sole else (joints[1:], None)
             lengths.append(_longest(robot, hip, between, end, frame))
-            feet.append(touching(tip, robot.contact_radius, np.array(UP)))
+            feet.append(tip + robot.foot_points.lever())
         turn = base.rotation
         return cls(
             (np.array(feet) - com) @ turn,
@@ -97,7 +96,7 @@ class LegGeometry:
             (np.array(knees) - com) @ turn,
             np.array(lengths),
             (base.translation - com) @ turn,
-            robot.contact_radius,
+            robot.foot_points.radius,
             leg_normals(robot),
             robot.foot_points.size,
         )

@@ -36,7 +36,6 @@ from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import SqpMpc, input_error, write_intervals
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
-from lgmpc.robot.feet import UP, touching
 from lgmpc.robot.scaling import weight_factor
 from lgmpc.settings import Extension, NonNegative, Positive
 from lgmpc.solvers import Solution
@@ -317,7 +316,7 @@ def contact_point_model(robot: Robot) -> tuple[pin.Model, tuple[str, ...]]:
     names = []
     for name, frame in zip(robot.contact_frames, robot.contact_ids, strict=True):
         joint = model.frames[frame].parentJoint
-        point = pin.SE3(np.eye(3), touching(data.oMf[frame].translation, robot.contact_radius, np.array(UP)))
+        point = pin.SE3(np.eye(3), data.oMf[frame].translation + robot.foot_points.lever())
         names.append(f"{name}_contact_point")
         model.addFrame(pin.Frame(names[-1], joint, frame, data.oMi[joint].inverse() * point, pin.FrameType.OP_FRAME))
     return model, tuple(names)

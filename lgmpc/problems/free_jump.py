@@ -114,7 +114,7 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
         gait = GaitSequence.jump(robot.contact_frames, takeoff, flight, landing, s.height_m)
         leap = BaseLeap(np.zeros(3), 0.0, takeoff, takeoff + flight, scale.gravity)
         steps = Footsteps.plan(gait, leap, start, robot.q_reference[:3])
-        return gait, leap, ground.laid(steps, robot.contact_radius)
+        return gait, leap, ground.laid(steps, robot.foot_points.radius)
 
     gait, leap, steps = planned(*(s.nominal_s(phase) for phase in _PHASES))
     grid = gait.grid(s.step_s)

@@ -64,7 +64,7 @@ class BodySpheres:
             low, high = np.min([at - r for at, r in ends], axis=0), np.max([at + r for at, r in ends], axis=0)
             found = [(1, 0.5 * (low + high) + point, 0.0, 1.0) for point in _on_box(0.5 * (high - low), _SPACING)]
         frames = [robot.model.frames[index] for index in robot.contact_ids]
-        feet = [(f.parentJoint, f.placement.translation, robot.contact_radius, 1.0) for f in frames]
+        feet = [(f.parentJoint, f.placement.translation, robot.foot_points.radius, 1.0) for f in frames]
         knees = {
             robot.model.parents[f.parentJoint]: robot.model.jointPlacements[f.parentJoint].translation for f in frames
         }
@@ -266,7 +266,7 @@ def _shanks(robot: Robot, shares: Array) -> list[tuple[int, Array, float, float]
     """Return spheres of the feet's radius from the last joint before each contact frame, the knee, towards it."""
     frames = [robot.model.frames[index] for index in robot.contact_ids]
     return [
-        (frame.parentJoint, share * frame.placement.translation, robot.contact_radius, 1.0 - share)
+        (frame.parentJoint, share * frame.placement.translation, robot.foot_points.radius, 1.0 - share)
         for frame in frames
         for share in shares
     ]

@@ -118,7 +118,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
     grid = gait.grid(settings.step_s)
     start = contact_positions(robot, robot.x_reference[None])[0]
     ground = Ground(settings.ground())
-    steps = ground.laid(Footsteps.plan(gait, motion, start, robot.q_reference[:3]), robot.contact_radius)
+    steps = ground.laid(Footsteps.plan(gait, motion, start, robot.q_reference[:3]), robot.foot_points.radius)
     reference = reference_states(robot, motion, grid.times, ground, steps)
     problem = legged_problem(robot, grid, reference, steps, settings, ground)
     figures = LeggedFigures(robot, grid, steps, reference[-1], settings.friction, ground)

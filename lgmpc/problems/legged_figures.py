@@ -144,7 +144,7 @@ class LeggedFigures:
 
     def _foot_depth(self, feet: Array) -> float:
         """Return the largest depth of a foot in the air below the ground's surface, m."""
-        found = self.ground.world.distance(feet[:-1][~self.grid.flags])[0] - self.robot.contact_radius
+        found = self.ground.world.distance(feet[:-1][~self.grid.flags])[0] - self.robot.foot_points.radius
         return float(-found.min(initial=0.0))
 
     def _foothold_error(self, feet: Array) -> float:

@@ -240,7 +240,7 @@ def trunk_clearance(robot: Robot, xs: Array, trunk_half_size: Array) -> float:
         xs: (n, nx) states.
         trunk_half_size: (3,) half sizes of the box, m.
     """
-    model, data, radius = robot.model, robot.create_data(), robot.contact_radius
+    model, data, radius = robot.model, robot.create_data(), robot.foot_points.radius
     share = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     least = np.inf
     for x in xs:

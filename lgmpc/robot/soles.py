@@ -18,6 +18,7 @@ import pinocchio as pin
 from pydantic import Discriminator, Field, Tag
 
 from lgmpc.errors import InputError
+from lgmpc.robot.feet import lever
 from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Finite, Settings, Vector3
 from lgmpc.typing import Array, BoolArray, IntArray
@@ -138,6 +139,7 @@ class FootPoints:
     Args:
         counts: number of points of each foot.
         offsets: (nc, 3) of the points from their foot's centre in the reference posture, axes of the base, m.
+        radius: of spheres around the points, with which the feet touch the ground, m.
 
     Attributes:
         single: whether each foot is one point.
@@ -146,14 +148,15 @@ class FootPoints:
         starts: (nf,) first point of each foot.
         counts: (nf,) points of each foot.
         offsets: as given.
+        radius: as given.
     """
 
-    def __init__(self, counts: tuple[int, ...], offsets: Array) -> None:
+    def __init__(self, counts: tuple[int, ...], offsets: Array, radius: float = 0.0) -> None:
         self.counts = np.array(counts, dtype=np.intp)
         self.feet, self.single = len(counts), max(counts, default=1) == 1
         self.of: IntArray = np.repeat(np.arange(self.feet), self.counts)
         self.starts: IntArray = np.cumsum(self.counts) - self.counts
-        self.offsets = offsets
+        self.offsets, self.radius = offsets, radius
 
     @classmethod
     def of_robot(cls, robot: Robot) -> FootPoints:
@@ -164,7 +167,11 @@ class FootPoints:
         counts = tuple(len(foot.points) for foot in robot.feet)
         centres = np.repeat([data.oMf[frame].translation for frame in robot.foot_ids], counts, axis=0)
         points = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
-        return cls(counts, (points - centres).reshape(-1, 3) @ turn)
+        return cls(counts, (points - centres).reshape(-1, 3) @ turn, robot.contact_radius)
+
+    def lever(self, normal: Any = _UP) -> Any:
+        """Return the vector from a contact frame's origin to where it touches a surface of this (..., 3) normal, m."""
+        return lever(self.radius, normal)
 
     def spread(self, values: Any) -> Any:
         """Return values of feet (nf, ...) for each of their points (nc, ...)."""

@@ -68,7 +68,7 @@ def _check_start(robot: Robot, q: Array, world: World) -> None:
         return
     data = robot.create_data()
     pin.framesForwardKinematics(robot.model, data, q)
-    spheres = [(data.oMf[i].translation, robot.contact_radius) for i in robot.contact_ids]
+    spheres = [(data.oMf[i].translation, robot.foot_points.radius) for i in robot.contact_ids]
     spheres += [((data.oMi[p.joint] * at).translation, r) for p in robot.collision_shapes for at, r in p.corners]
     centres, radii = (np.array(each) for each in zip(*spheres, strict=True))
     axes, point = world.start_pose
@@ -92,7 +92,7 @@ def _displaced(robot: Robot, angles: dict[str, float]) -> Array:
     for joint in joints:
         if joint.name in given:
             q[joint.q] = given[joint.name]
-    q = put_on_ground(robot.model, q, robot.contact_ids, robot.contact_radius)
+    q = put_on_ground(robot.model, q, robot.contact_ids, robot.foot_points.radius)
     if robot.floating_base:
         q[2] += max(0.0, -lowest_point(robot, q))
     return q

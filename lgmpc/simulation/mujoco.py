@@ -40,7 +40,7 @@ _NET_FORCE = (1 << mujoco.mjtConDataField.mjCONDATA_FORCE.value, 3, 1)  # of a c
 class MujocoPlant:
     """A robot on the ground of a world in MuJoCo (elliptic friction cones).
 
-    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the ground
+    Feet are spheres at the contact frames (``robot.foot_points``), and ``robot.collision_shapes`` touch the ground
     as well. Joint position limits are not modelled.
 
     Args:
@@ -332,7 +332,7 @@ def _add_shapes(spec: mujoco.MjSpec, bodies: list[Any], robot: Robot, model: pin
     """Add the feet and the other shapes of the robot that can touch the ground."""
     shape = {**_CONTACT, "contype": _ROBOT, "conaffinity": _GROUND, "mass": 0.0}
     for name, index in zip(robot.contact_frames, robot.contact_ids, strict=True):
-        frame, radius = model.frames[index], max(robot.contact_radius, _POINT)
+        frame, radius = model.frames[index], max(robot.foot_points.radius, _POINT)
         pos = frame.placement.translation
         foot = {"name": f"foot {name}", "type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": (radius, 0, 0)}
         bodies[frame.parentJoint].add_geom(**foot, pos=pos, **shape)

@@ -48,7 +48,7 @@ _ADMM = (1000, 1e-7, 1e-9)
 class PinocchioPlant:
     """A robot on the ground of a world with rigid, inelastic contacts: an independent check of the MuJoCo plant.
 
-    Feet are spheres of ``robot.contact_radius`` at the contact frames, and ``robot.collision_shapes`` touch the ground
+    Feet are spheres at the contact frames (``robot.foot_points``), and ``robot.collision_shapes`` touch the ground
     as well. Joint position limits are not modelled.
 
     Args:
@@ -333,7 +333,7 @@ class _ContactFrames(NamedTuple):
 
 def _contact_points(model: pin.Model, robot: Robot) -> tuple[list[int], Array]:
     """Return frames and radii of the spheres that can touch the ground, feet first; adds corners of shapes."""
-    frames, radii = list(robot.contact_ids), [robot.contact_radius] * robot.nc
+    frames, radii = list(robot.contact_ids), [robot.foot_points.radius] * robot.nc
     for part in robot.collision_shapes:
         for i, (placement, radius) in enumerate(part.corners):
             corner = pin.Frame(f"{part.name}, corner {i}", part.joint, 0, placement, pin.FrameType.OP_FRAME)

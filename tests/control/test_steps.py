@@ -107,7 +107,7 @@ def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
     planner, terms, motion = controller.planner, controller.wbc.terms, BaseMotion(0.0, 0.0, 0.0, 1.5, 0.0)
     assert planner is not None
     feet.begin(0.0, terms.contact_points, None)
-    steps.watch(0.0, planner, terms, motion, 0.6, np.ones(4))
+    steps.watch(0.0, planner, terms, motion, 0.6, np.ones((4, 3)))
     while steps.deciding:
         steps.decide(0.0, planner)
     assert steps.active

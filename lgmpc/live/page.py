@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
-from functools import partial
 from multiprocessing.connection import Connection
-from threading import Lock
+from threading import RLock
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,8 @@ from lgmpc.config.schema import Config
 from lgmpc.lie import attitude, quaternion
 from lgmpc.live.canvas import ROOT, LiveScene, rgb, wxyz
 from lgmpc.live.controls import SettingControls, add_worlds
-from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
+from lgmpc.live.pad import Axes, Pad
+from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.runs.walking import heading
@@ -44,12 +44,10 @@ _PLOTTED = 600
 _FURTHER = 1.7
 _FOLLOW_S, _JUMP_M = 0.2, 2.0
 _TIME_AXIS = uplot.Scale(time=False, auto=True)
-_STEP_M_S, _STEP_RAD_S = 0.1, 0.2
-_KEYS = {
-    "i": ("vx", _STEP_M_S), "k": ("vx", -_STEP_M_S), "j": ("vy", _STEP_M_S), "l": ("vy", -_STEP_M_S),
-    "u": ("turn", _STEP_RAD_S), "o": ("turn", -_STEP_RAD_S),
-}  # fmt: skip
-"""W, A, S, D, Q, E and the arrows move the viewer's camera."""
+_STEPS = (0.1, 0.1, 0.2)
+"""Of the velocities for a key that is not held, m/s and rad/s."""
+_ORDERS: dict[str, OrderName] = {"stand": "arm", "lie": "lie", "damp": "disarm"}
+"""Modes of a simulated robot, by their buttons."""
 _LAYERS = {
     "forces": "contact forces", "planned": "planned forces", "cones": "friction cones", "com": "centre of mass",
     "horizon": "predicted path", "footholds": "next footholds", "swings": "swing paths", "command": "command",
@@ -65,13 +63,15 @@ class Page:
         config: the closed loop.
         server: which serves it.
         pipe: to the loop.
+        deployed: whether the robot is at the end of a link: it has no pulls, no pace, and no other worlds.
 
     Attributes:
         robot: of the config.
         stale: whether to draw again although there is no new picture.
     """
 
-    def __init__(self, config: Config, server: viser.ViserServer, pipe: Connection) -> None:
+    def __init__(self, config: Config, server: viser.ViserServer, pipe: Connection, *, deployed: bool = False) -> None:
+        self._deployed = deployed
         self.robot, self._config, self._server, self._pipe = build_robot(config), config, server, pipe
         robot = self.robot
         server.gui.set_panel_label(f"{config.name} · lgmpc live")
@@ -85,9 +85,10 @@ class Page:
         self._data = robot.create_data()
         self._shift, self._grip = np.zeros(3), np.zeros(3)
         self._gaits: tuple[str, ...] = ()
+        self._held: Axes = (0.0, 0.0, 0.0)
         self._ended = ""
         self._told, self._plotted_at, self._followed_at, self.stale = 0.0, 0.0, 0.0, False
-        self._pace, self._asking = Pace(), Lock()  # viser calls back in several threads
+        self._pace, self._asking = Pace(), RLock()  # viser calls back in several threads
         self._layout(lowest, highest)
 
     # Layout
@@ -103,8 +104,11 @@ class Page:
         self._body.add_to(scene)
         for part in self._body.parts:
             path = f"/robot/{self.robot.model.names[part.joint]}/{part.name}"
-            scene.node(path).on_drag(self._dragged(part.joint))
+            if not self._deployed:
+                scene.node(path).on_drag(self._dragged(part.joint))
         self._status = gui.add_markdown("**starting**")
+        stop = gui.add_button("Emergency stop: no torque", color="red", hint="space, or button B of a gamepad")
+        stop.on_click(lambda _: self._order(Order("stop")))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self._drive_tab()
@@ -118,9 +122,9 @@ class Page:
         gui, limits = self._server.gui, self._config.locomotion.limits
         speed, turn = min(limits.speed_m_s, 1.5), min(limits.yaw_rate_rad_s, 2.5)
         self._sticks = {
-            "vx": gui.add_slider("ahead, m/s", -speed, speed, 0.05, 0.0, hint="keys I and K"),
-            "vy": gui.add_slider("left, m/s", -speed, speed, 0.05, 0.0, hint="keys J and L"),
-            "turn": gui.add_slider("turn left, rad/s", -turn, turn, 0.05, 0.0, hint="keys U and O"),
+            "vx": gui.add_slider("ahead, m/s", -speed, speed, 0.05, 0.0),
+            "vy": gui.add_slider("left, m/s", -speed, speed, 0.05, 0.0),
+            "turn": gui.add_slider("turn left, rad/s", -turn, turn, 0.05, 0.0),
         }
         pose = round(0.2 * self._height, 2)
         self._pose = {
@@ -132,31 +136,37 @@ class Page:
             stick.on_update(lambda _: self._steer())
         for slider in self._pose.values():
             slider.on_update(lambda _: self._command(**{name: float(each.value) for name, each in self._pose.items()}))
-        self._stop = gui.add_button("Stand still", hint="key X")
-        self._stop.on_click(lambda _: self._halt())
+        still = gui.add_button("Stand still", hint="key X")
+        still.on_click(lambda _: self._halt())
+        self._pad = Pad(gui, self._hold, self._nudge, self._order)
         self._gait = gui.add_dropdown("gait", ("trot",))
         self._gait.on_update(lambda _: self._command(gait=self._gait.value))
-        mode = gui.add_button_group("mode", ("stand", "lie", "damp"), hint="damp: no torque, the emergency stop")
-        mode.on_click(lambda _: self._set_mode(mode.value))
+        names = {str(name): name for name in _ORDERS.values()} if self._deployed else _ORDERS
+        mode = gui.add_button_group("mode", tuple(names), hint="buttons A and X of a gamepad: the first and the second")
+        mode.on_click(lambda _: self._order(Order(names[mode.value])))
         self._maneuver = gui.add_dropdown("manoeuvre", ("none",), visible=False)
         self._perform = gui.add_button("Perform", visible=False)
         self._perform.on_click(lambda _: self._command(maneuver=self._maneuver.value))
+        self._on_key("x", "stand still", self._halt)
         with gui.add_folder("time"):
-            self._paused = gui.add_checkbox("pause", False, hint="key P")
-            self._paused.on_update(lambda _: self._set_pace())
-            step = gui.add_button("Step", hint="one tick in a pause; key N")
-            step.on_click(lambda _: self._step())
-            self._speed = gui.add_slider("speed", 0.05, 1.0, 0.05, 1.0, hint="simulated over elapsed time")
-            self._speed.on_update(lambda _: self._set_pace())
             self._scrub = gui.add_slider("look back, s", -30.0, 0.0, 0.05, 0.0, hint="at most 30 s; 0: now")
             self._scrub.on_update(lambda _: setattr(self, "stale", True))
-            save = gui.add_button("Save as a run")
-            save.on_click(lambda _: self._ask(Save()))
-        with gui.add_folder("again"):
-            add_worlds(gui, self._height, self._restart)
-        for key, (stick, change) in _KEYS.items():
-            self._on_key(key, f"{stick} {change:+g}", partial(self._nudge, stick, change))
-        self._on_key("x", "stand still", self._halt)
+            if not self._deployed:
+                self._pace_controls()
+        if not self._deployed:
+            with gui.add_folder("again"):
+                add_worlds(gui, self._height, self._restart)
+
+    def _pace_controls(self) -> None:
+        gui = self._server.gui
+        self._paused = gui.add_checkbox("pause", False, hint="key P")
+        self._paused.on_update(lambda _: self._set_pace())
+        step = gui.add_button("Step", hint="one tick in a pause; key N")
+        step.on_click(lambda _: self._step())
+        self._speed = gui.add_slider("speed", 0.05, 1.0, 0.05, 1.0, hint="simulated over elapsed time")
+        self._speed.on_update(lambda _: self._set_pace())
+        save = gui.add_button("Save as a run")
+        save.on_click(lambda _: self._ask(Save()))
         self._on_key("n", "one tick", self._step)
         self._on_key("p", "pause", lambda: setattr(self._paused, "value", not self._paused.value))
 
@@ -170,7 +180,7 @@ class Page:
             box.on_update(self._layer_switch(name, box))
         self._scene.hidden |= {"planned", "belief"}
         note = f"Arrows: {100.0 * self._scale.length:.2g} cm are {self._scale.newtons:g} N. "
-        gui.add_markdown(note + "Drag a part of the robot to pull at it.")
+        gui.add_markdown(note + ("" if self._deployed else "Drag a part of the robot to pull at it."))
 
     def _plots_tab(self) -> dict[str, Any]:
         gui, none = self._server.gui, np.zeros(2)
@@ -198,22 +208,34 @@ class Page:
         self._ask(CommandEntry(at_s=0.0, **values))
 
     def _steer(self) -> None:
-        vx, vy, turn = (float(self._sticks[name].value) for name in ("vx", "vy", "turn"))
-        self._command(velocity_m_s=(vx, vy, 0.0), yaw_rate_rad_s=turn, gait=self._gait.value, mode="stand")
+        """Command the velocities of the sliders and, on top, of what is held."""
+        with self._asking:
+            sliders = self._sticks.values()
+            held = (share * slider.max for share, slider in zip(self._held, sliders, strict=True))
+            vx, vy, turn = (
+                max(each.min, min(each.max, round(each.value + more, 3)))
+                for each, more in zip(sliders, held, strict=True)
+            )
+            self._command(velocity_m_s=(vx, vy, 0.0), yaw_rate_rad_s=turn, gait=self._gait.value)
 
-    def _nudge(self, stick: str, change: float) -> None:
-        slider = self._sticks[stick]
-        slider.value = max(slider.min, min(slider.max, round(slider.value + change, 3)))
+    def _hold(self, axes: Axes) -> None:
+        self._held = axes
+        self._steer()
+
+    def _nudge(self, direction: Axes) -> None:
+        for slider, way, step in zip(self._sticks.values(), direction, _STEPS, strict=True):
+            if way:
+                slider.value = max(slider.min, min(slider.max, round(slider.value + way * step, 3)))
 
     def _halt(self) -> None:
         for stick in self._sticks.values():
             stick.value = 0.0
         self._steer()
 
-    def _set_mode(self, mode: str) -> None:
-        if mode != "stand":
+    def _order(self, order: Order) -> None:
+        self._ask(order)
+        if order.name != "arm":
             self._halt()
-        self._command(mode=mode)
 
     def _set_pace(self) -> None:
         self._pace = Pace(float(self._speed.value), bool(self._paused.value))
@@ -286,7 +308,9 @@ class Page:
             self._maneuver.options = started.maneuvers or ("none",)
             self._maneuver.visible = self._perform.visible = bool(started.maneuvers)
             self._values = SettingControls(self._server.gui, self._settings, started.config, started.tunable, self._ask)
-        self._paused.value, self._speed.value, self._scrub.value = False, 1.0, 0.0
+        self._scrub.value = 0.0
+        if not self._deployed:
+            self._paused.value, self._speed.value = False, 1.0
         self._ended = ""
 
     def tuned(self, message: Tune) -> None:
@@ -302,6 +326,10 @@ class Page:
             client.add_notification(
                 "lgmpc live", message.text, color="red" if message.error else "green", auto_close_seconds=12.0
             )
+
+    def watch(self) -> None:
+        """Let go of what is held on a page that has fallen silent; called all the time."""
+        self._pad.watch()
 
     def draw(self, history: History) -> None:
         """Draw the last picture, or the one that is looked back at."""

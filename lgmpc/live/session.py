@@ -26,8 +26,8 @@ from lgmpc.errors import InputError, LgmpcError
 from lgmpc.live.ring import RingWriter
 from lgmpc.live.tuning import Tuner
 from lgmpc.live.viewing import Link
-from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
-from lgmpc.locomotion.command import CommandEntry, MotionCommand
+from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Started, Tune
+from lgmpc.locomotion.command import CommandEntry, ModeRequest, MotionCommand
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
@@ -55,6 +55,8 @@ _STIFFNESS, _DAMPING_S, _STRONGEST = 5.0, 0.1, 2.0
 """Of a pull: weights of the robot per metre, damping relative to that, largest force in weights."""
 _SAME_CHANGE_S = 0.5
 """Values of one setting within this time, s, are one change in the saved config: each is a controller of its own."""
+_MODES: dict[OrderName, ModeRequest] = {"stop": "damp", "disarm": "damp", "arm": "stand", "lie": "lie"}
+"""Of a simulated robot, by what is ordered."""
 
 EXTRAS = 8
 """Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
@@ -295,6 +297,8 @@ class LiveRun(ShownRun):
             if not self._config.mpc.enabled:
                 raise InputError("mpc.enabled", False, "true: without a plan the robot only stands")
             self._commands.ask(wish)
+        elif isinstance(wish, Order):
+            self._commands.ask(CommandEntry(at_s=0.0, mode=_MODES[wish.name]))
         elif isinstance(wish, Pull):
             self._pulls.pull(wish)
         elif isinstance(wish, Tune):

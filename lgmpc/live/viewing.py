@@ -31,15 +31,17 @@ _HOST = "127.0.0.1"
 """viser has no access control: other machines come through ssh."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Link:
     """The loop's end of the channel to a viewer.
 
     Attributes:
         pipe: wishes come, and messages go.
+        lost: whether the viewer has ended.
     """
 
     pipe: Connection
+    lost: bool = False
 
     def send(self, message: object) -> None:
         """Send a message, unless there is no viewer any more."""
@@ -49,13 +51,17 @@ class Link:
             pass
 
     def wishes(self) -> list[Any]:
-        """Return what came since the last call."""
-        found = []
+        """Return what came since the last call; a viewer that has ended wishes the robot to stand still."""
+        found: list[Any] = []
         try:
             while self.pipe.poll():
                 found.append(self.pipe.recv())
         except (OSError, EOFError):
-            pass
+            if not self.lost:
+                from lgmpc.live.wishes import STILL  # when a run is there, which has loaded it
+
+                self.lost = True
+                found.append(STILL)
         return found
 
 
@@ -176,6 +182,8 @@ def _serve(server: viser.ViserServer, pipe: Connection) -> None:
                     page.tuned(message)
                 elif page is not None and isinstance(message, Note):
                     page.tell(message)
+            if page is not None:
+                page.watch()
             if page is not None and history is not None and (history.update() or (page.stale and history.rows)):
                 page.draw(history)
             spent = time.perf_counter() - begun

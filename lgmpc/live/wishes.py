@@ -6,14 +6,18 @@ The page also sends changes of the motion command, as entries of a config's ``co
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from lgmpc.config.schema import Config
+from lgmpc.locomotion.command import CommandEntry
 from lgmpc.typing import Array
 
-__all__ = ["Note", "Pace", "Pull", "Restart", "Save", "Started", "Tune"]
+__all__ = ["STILL", "Note", "Order", "OrderName", "Pace", "Pull", "Restart", "Save", "Started", "Tune"]
+
+STILL = CommandEntry(at_s=0.0, velocity_m_s=(0.0, 0.0, 0.0), yaw_rate_rad_s=0.0)
+"""A wish for no velocity."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,21 @@ class Pace:
     speed: float = 1.0
     paused: bool = False
     steps: int = 0
+
+
+OrderName = Literal["stop", "arm", "disarm", "lie"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the person who watches the robot orders it to do.
+
+    Attributes:
+        name: ``stop`` is the emergency stop, ``arm`` lets the robot stand and move, ``disarm`` damps the joints, and
+            ``lie`` lies down; a robot at the end of a link also ends its run then.
+    """
+
+    name: OrderName
 
 
 @dataclass(frozen=True)

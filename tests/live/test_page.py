@@ -25,8 +25,15 @@ pytestmark = [
 ]
 
 SIZE = {"width": 800, "height": 480}
+GAMEPAD = """
+window.pad = {connected: true, axes: [0, 0, 0, 0], buttons: Array.from({length: 4}, () => ({pressed: false}))};
+navigator.getGamepads = () => [null, window.pad];
+"""
+"""A standard gamepad, as a browser reports it."""
 TRUNK = (400, 168)
 """Where the trunk is on the page."""
+ARM, STOP = 0, 1
+"""Buttons of the gamepad."""
 PATIENCE = 90_000.0  # ms; the machine may be busy
 SUPPORT = Path(__file__).parents[1] / "support"
 
@@ -58,6 +65,7 @@ def visit(browser: Any) -> Iterator[Callable[[str], Any]]:
     def visit(url: str) -> Any:
         tab = browser.new_page(viewport=SIZE)
         tab.set_default_timeout(PATIENCE)
+        tab.add_init_script(GAMEPAD)
         tab.on("pageerror", lambda error: problems.append(str(error)))
         tab.goto(url)
         tab.wait_for_selector("text=real time")
@@ -73,6 +81,13 @@ def visit(browser: Any) -> Iterator[Callable[[str], Any]]:
 def wait_for(tab: Any, pattern: str) -> None:
     """Wait until the page's text matches."""
     tab.wait_for_function("pattern => new RegExp(pattern).test(document.body.innerText)", arg=pattern)
+
+
+def press(tab: Any, button: int) -> None:
+    """Press a button of the gamepad for a moment."""
+    for pressed in ("true", "false"):
+        tab.evaluate(f"pad.buttons[{button}].pressed = {pressed}")
+        tab.wait_for_timeout(200)
 
 
 def saved_run(process: subprocess.Popen[str], folder: Path) -> Run:
@@ -98,9 +113,24 @@ def test_the_page_drives_pushes_and_tunes_the_robot_and_shows_a_failure(
         wait_for(tab, r"push \d")
         tab.mouse.up()
 
+        tab.uncheck("text=stop when keys are released")  # each press is a step then
         for _ in range(2):
             tab.keyboard.press("i")
         wait_for(tab, r"locomote[^]*ahead \+0\.(1[6-9]|2)")
+        tab.keyboard.press("x")
+        wait_for(tab, r"stand · trot")
+        tab.check("text=stop when keys are released")
+        tab.evaluate("pad.axes[0] = -0.5")
+        wait_for(tab, r"locomote[^]*left \+0\.(1[4-9]|2)")
+        press(tab, STOP)
+        wait_for(tab, r"damp · ")
+        tab.evaluate("pad.axes[0] = 0")
+        press(tab, ARM)
+        wait_for(tab, r"stand · ")
+        tab.keyboard.press("Space")
+        wait_for(tab, r"damp · ")
+        press(tab, ARM)
+        wait_for(tab, r"stand · ")
 
         tab.click("role=tab[name='Settings']")
         tab.click("text=wbc.gains")
@@ -108,15 +138,18 @@ def test_the_page_drives_pushes_and_tunes_the_robot_and_shows_a_failure(
         wait_for(tab, r"wbc\.gains\.swing\.kp is 1200")
 
         tab.click("role=tab[name='Drive']")
-        for _ in range(8):
-            tab.keyboard.press("i")
+        tab.keyboard.down("i")
         wait_for(tab, r"Failed: ended early, at [\d.]+ s: RuntimeError: too fast")
         log = (run := saved_run(process, tmp_path)).log
 
     config = load_config(run.path / "config.yaml")
     assert [change.set for change in config.changes] == [{"wbc.gains.swing.kp": 1200.0}]
     walked = [entry.velocity_m_s[0] for entry in config.commands if entry.velocity_m_s]
-    assert walked[:3] == pytest.approx([0.1, 0.2, 0.3])
+    assert walked[:3] == pytest.approx([0.1, 0.2, 0.0])
+    assert walked[-1] == pytest.approx(0.525)
+    aside = [entry.velocity_m_s[1] for entry in config.commands if entry.velocity_m_s]
+    assert max(aside) == pytest.approx(0.27) and aside[-1] == 0.0
+    assert [entry.mode for entry in config.commands if entry.mode] == ["damp", "stand", "damp", "stand"]
     pushed = np.flatnonzero(np.linalg.norm(log.push[:, :3], axis=1) > 1.0)
     assert len(pushed) > 20
     before, during = log.momentum[pushed[0] - 1, :3], log.momentum[pushed[0] : pushed[-1] + 1, :3]

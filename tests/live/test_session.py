@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import multiprocessing
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from lgmpc.config import Config, load_config
 from lgmpc.config.build import prepare
 from lgmpc.config.session import stop_signals
 from lgmpc.errors import ConfigError, InputError, Interrupted
+from lgmpc.live.pad import Axes, Pad
 from lgmpc.live.ring import RingReader
 from lgmpc.live.session import EXTRAS, LiveRun, Pulls
 from lgmpc.live.tuning import Tuner
@@ -198,8 +201,28 @@ def test_without_a_viewer_the_loop_goes_on(start: Callable[..., Player], config:
         player.pipe.close()
 
     with pytest.raises(Interrupted):
-        player.play((0.1, vanish), (0.5, interrupt))
-    assert saved(player).log.time[-1] > 0.45
+        player.play((0.05, walk(0.3)), (0.1, vanish), (0.5, interrupt))
+    run = saved(player)
+    assert run.log.time[-1] > 0.45
+    entries = load_config(run.path / "config.yaml").commands
+    assert [entry.velocity_m_s for entry in entries[1:]] == [(0.3, 0.0, 0.0), (0.0, 0.0, 0.0)]
+
+
+def test_a_page_that_falls_silent_has_let_go() -> None:
+    server = viser.ViserServer("127.0.0.1", 0, verbose=False)
+    moved: list[Axes] = []
+    try:
+        pad = Pad(server.gui, moved.append, moved.append, lambda order: None)
+        pad._text.value = '{"count": 1, "move": [0.35, 0, -0.2]}'
+        asyncio.run(pad._hear(None))
+        pad.watch()
+        assert moved == [(0.35, 0.0, -0.2)]
+        time.sleep(0.6)
+        pad.watch()
+        pad.watch()
+        assert moved[1:] == [(0.0, 0.0, 0.0)]
+    finally:
+        server.stop()
 
 
 def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config) -> None:

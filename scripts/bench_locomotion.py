@@ -108,9 +108,9 @@ def tick_ms(log: RunLog) -> np.ndarray:
     return whole
 
 
-def largest(holds: Callable[[float], bool], resolution: float) -> float:
+def largest(holds: Callable[[float], bool], resolution: float, strongest: float = STRONGEST_NS) -> float:
     """Return the largest impulse (N.s) for which ``holds`` is true, by bisection; 0 if it never is."""
-    low, high = 0.0, STRONGEST_NS
+    low, high = 0.0, strongest
     while high - low > resolution:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)

@@ -2,8 +2,9 @@
 
     python scripts/bench_mpc.py [--impulse 2.0] [--nodes 20] [--facets 8] [--seconds 3]
     python scripts/bench_mpc.py --model full_body [--solvers active_set piqp]
+    python scripts/bench_mpc.py --robot talos --nodes 30 --impulse 20 --facets 4
 
-A quadruped of Solo12's mass (with the models that have legs: Solo12) stands, is pushed for 0.2 s, and recovers.
+A robot stands, is pushed for 0.2 s, and recovers.
 Updates at 100 Hz (50 Hz with the legs); an update is timed from measured state to plan, everything included. The
 solvers take turns update by update, so that whatever else the machine does meets all of them alike.
 """
@@ -36,13 +37,12 @@ from lgmpc.mpc import (
     Plan,
 )
 from lgmpc.mpc.sqp import SqpMpc
+from lgmpc.robot import Robot
 from lgmpc.solvers.qp import QP_SOLVERS
 from lgmpc.typing import Array
 
-CONFIG = Path(__file__).parent.parent / "configs" / "solo12_balance_full_body.yaml"
-MASS = 2.5
-FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
-STANDING = np.array([0.0, 0.0, 0.24, 0, 0, 0, 0, 0, 0])
+CONFIGS = Path(__file__).parent.parent / "configs"
+ROBOTS = {"solo12": "solo12_balance_full_body", "talos": "talos_stand", "g1": "g1_stand"}
 PUSH = (0.5, 0.7)
 
 
@@ -104,27 +104,31 @@ class ClosedLoop(ABC):
 class CentroidalLoop(ClosedLoop):
     """Centre of mass and momenta."""
 
-    standing = STANDING
-
-    def __init__(self, name: str, nodes: int, facets: int) -> None:
-        super().__init__(name)
-        self.mpc = model = CentroidalMpc(
-            MASS, 4, CentroidalMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name)
-        )
-        self.compiled = model.solver.compiled
-        self.x: Array = STANDING.copy()
-        self._contacts = ContactHorizon.allocate(nodes, 4)
-        self._contacts.hold(FEET, np.ones(4, dtype=np.bool_), 0.6)
-        level = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (nodes + 1, 1))
-        rest = np.zeros((nodes + 1, 3))
-        self._motion = MotionReference(np.tile(STANDING[:3], (nodes + 1, 1)), rest, level, rest)
+    def __init__(self, robot: Robot, settings: CentroidalMpcSettings) -> None:
+        super().__init__(settings.qp_solver)
+        self.mpc = model = CentroidalMpc.of(robot, settings)
+        self.compiled, nodes = model.solver.compiled, settings.nodes
+        data = robot.create_data()
+        com = pin.centerOfMass(robot.model, data, robot.q_reference)
+        pin.framesForwardKinematics(robot.model, data, robot.q_reference)
+        points = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
+        self._standing = np.r_[com, np.zeros(6)]
+        self.x: Array = self._standing.copy()
+        self._contacts = ContactHorizon.allocate(nodes, robot.nc)
+        self._contacts.hold(points, np.ones(robot.nc, dtype=np.bool_), 0.6)
+        self._motion = MotionReference.standing(robot, nodes, com)
         self._action = model.problem.action
         self._parameters = model.problem.parameters[0].copy()
         layout = self._action.parameters
         self._parameters[layout["duration"]] = self.period
-        self._parameters[layout["contact_points"]] = FEET.ravel()
+        self._parameters[layout["contact_points"]] = points.ravel()
         self._parameters[layout["contact_flags"]] = 1.0
         self._wrench = layout["external_wrench"]
+
+    @property
+    def standing(self) -> Array:
+        """(9,) reference."""
+        return self._standing
 
     def plan(self, t: float, wrench: Array) -> Plan:
         """Plan from the present state."""
@@ -171,19 +175,19 @@ class WholeBodyLoop(ClosedLoop):
         self.q, self.v = x[: self.robot.nq], x[self.robot.nq :]
 
 
-def centroidal(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
+def centroidal(robot: Robot, nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
     """One loop a solver."""
-    return [CentroidalLoop(name, nodes, facets) for name in solvers]
+    settings = [CentroidalMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name) for name in solvers]
+    return [CentroidalLoop(robot, each) for each in settings]
 
 
-def full_body(nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
+def full_body(robot: Robot, nodes: int, facets: int, solvers: list[str]) -> list[ClosedLoop]:
     """One loop a solver."""
-    robot = build_robot(load_config(CONFIG))
     settings = [FullBodyMpcSettings(nodes=nodes, friction_facets=facets, qp_solver=name) for name in solvers]
     return [WholeBodyLoop(s.qp_solver, FullBodyMpc(robot, s)) for s in settings]
 
 
-MODELS: dict[str, Callable[[int, int, list[str]], list[ClosedLoop]]] = {
+MODELS: dict[str, Callable[[Robot, int, int, list[str]], list[ClosedLoop]]] = {
     "centroidal": centroidal,
     "full_body": full_body,
 }
@@ -192,6 +196,7 @@ MODELS: dict[str, Callable[[int, int, list[str]], list[ClosedLoop]]] = {
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robot", choices=list(ROBOTS), default="solo12")
     parser.add_argument("--model", choices=list(MODELS), default="centroidal", help="what predicts")
     parser.add_argument("--solvers", nargs="+", choices=QP_SOLVERS, default=list(QP_SOLVERS))
     parser.add_argument("--impulse", type=float, default=2.0, help="N.s, 45 degrees from the x axis")
@@ -201,7 +206,8 @@ def main() -> None:
     add_json_option(parser)
     options = parser.parse_args()
 
-    loops = MODELS[options.model](options.nodes, options.facets, options.solvers)
+    robot = build_robot(load_config(CONFIGS / f"{ROBOTS[options.robot]}.yaml"))
+    loops = MODELS[options.model](robot, options.nodes, options.facets, options.solvers)
     period = loops[0].period
     push = np.zeros(6)
     push[:2] = options.impulse / (PUSH[1] - PUSH[0]) * np.array([np.cos(np.pi / 4), np.sin(np.pi / 4)])
@@ -213,7 +219,8 @@ def main() -> None:
 
     print_machine()
     print(
-        f"{options.model}, N = {options.nodes}, 4 contacts, {options.facets} facets, {options.impulse} N.s in 0.2 s, "
+        f"{options.robot}, {options.model}, N = {options.nodes}, {robot.nc} contact points, {options.facets} facets, "
+        f"{options.impulse} N.s in 0.2 s, "
         f"one thread, {'compiled' if loops[0].compiled else 'interpreted'}; times in ms"
     )
     print(

@@ -1,4 +1,8 @@
-"""Time of one whole-body control tick, split into its parts, while Solo12 is pushed: python scripts/bench_wbc.py."""
+"""Time of one whole-body control tick, split into its parts, while a standing robot is pushed.
+
+python scripts/bench_wbc.py
+python scripts/bench_wbc.py --robots talos g1 --facets 4
+"""
 
 from __future__ import annotations
 
@@ -21,14 +25,15 @@ from lgmpc.status import Status
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
 
-CONFIG = Path(__file__).parent.parent / "configs" / "solo12_balance.yaml"
+CONFIGS = Path(__file__).parent.parent / "configs"
+ROBOTS = {"solo12": ("solo12_balance", 2.0), "talos": ("talos_stand", 20.0), "g1": ("g1_stand", 7.0)}  # pushes, N.s
 PARTS = ("sense", "QP data", "solver")
 TICKS = 3000
-PUSHES = {500: (0.0, 10.0, 0.0), 1500: (10.0, 0.0, 0.0), 2200: (7.0, 7.0, 0.0)}  # N for 200 ms, by first tick
+PUSHES = {500: (0.0, 1.0, 0.0), 1500: (1.0, 0.0, 0.0), 2200: (0.7, 0.7, 0.0)}  # for 200 ms, by first tick
 
 
-def pushed_run(robot: Robot, settings: WholeBodySettings) -> tuple[Array, int]:
-    """Stand through three pushes of 2 N.s; return the time of every tick's parts and of all (ticks, parts + 1), us.
+def pushed_run(robot: Robot, body: str, impulse: float, settings: WholeBodySettings) -> tuple[Array, int]:
+    """Stand through three pushes; return the time of every tick's parts and of all (ticks, parts + 1), us.
 
     The parts are timed on a controller that is called piece by piece, the whole on another one that is called as usual.
     The number of ticks that were left to ProxQP is returned too.
@@ -39,9 +44,9 @@ def pushed_run(robot: Robot, settings: WholeBodySettings) -> tuple[Array, int]:
     times, left = np.zeros((TICKS, 4)), 0
     for k in range(TICKS):
         if k in PUSHES:
-            plant.set_wrench("base_link", np.array([*PUSHES[k], 0.0, 0.0, 0.0]))
+            plant.set_wrench(body, impulse / 0.2 * np.array([*PUSHES[k], 0.0, 0.0, 0.0]))
         elif k - 200 in PUSHES:
-            plant.set_wrench("base_link", np.zeros(6))
+            plant.set_wrench(body, np.zeros(6))
         sample = plant.sense()
         started = perf_counter()
         whole.sense(sample.q, sample.v)
@@ -64,20 +69,25 @@ def pushed_run(robot: Robot, settings: WholeBodySettings) -> tuple[Array, int]:
 def main() -> None:
     """Print machine, versions and the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--facets", type=int, nargs="+", default=[4, 8, 12, 16])
+    parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), default=list(ROBOTS))
+    parser.add_argument("--facets", type=int, nargs="+", help="4, 8, 12 and 16 of points unless given, 4 of soles")
     add_json_option(parser)
     arguments = parser.parse_args()
     print_machine()
-    print(f"\nwhole-body control of Solo12, {TICKS} ticks, three pushes of 2 N.s; median / 99th percentile, us\n")
-    print("facets" + "".join(f"{part:>16}" for part in (*PARTS, "tick", "ticks by ProxQP")))
-    robot = build_robot(load_config(CONFIG))
-    figures = {}
-    for facets in arguments.facets:
-        times, left = pushed_run(robot, WholeBodySettings(friction_facets=facets))
-        cells = [f"{np.median(column):.0f} / {np.percentile(column, 99):.0f}" for column in times.T]
-        print(f"{facets:6d}" + "".join(f"{cell:>16}" for cell in cells) + f"{left:16d}")
-        parts = {f"{part}_us": quantiles(column) for part, column in zip((*PARTS, "tick"), times.T, strict=True)}
-        figures[str(facets)] = {**parts, "ticks_by_proxqp": left}
+    figures: dict[str, dict[str, object]] = {}
+    for name in arguments.robots:
+        stem, impulse = ROBOTS[name]
+        config = load_config(CONFIGS / f"{stem}.yaml")
+        robot, body = build_robot(config), config.pushes[0].body
+        print(f"\n{name}, {TICKS} ticks, three pushes of {impulse:g} N.s; median / 99th percentile, us\n")
+        print("facets" + "".join(f"{part:>16}" for part in (*PARTS, "tick", "ticks by ProxQP")))
+        figures[name] = {}
+        for facets in arguments.facets or ([4, 8, 12, 16] if robot.foot_points.single else [4]):
+            times, left = pushed_run(robot, body, impulse, WholeBodySettings(friction_facets=facets))
+            cells = [f"{np.median(column):.0f} / {np.percentile(column, 99):.0f}" for column in times.T]
+            print(f"{facets:6d}" + "".join(f"{cell:>16}" for cell in cells) + f"{left:16d}")
+            parts = {f"{part}_us": quantiles(column) for part, column in zip((*PARTS, "tick"), times.T, strict=True)}
+            figures[name][str(facets)] = {**parts, "ticks_by_proxqp": left}
     write_record(arguments.json, figures)
 
 

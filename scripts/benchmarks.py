@@ -120,7 +120,7 @@ def of_loop(found: Mapping[str, Any]) -> Figures:
 
 def of_wbc(found: Mapping[str, Any]) -> Figures:
     """Times of a tick with the cone's facets of the default settings."""
-    figures = found["12"]
+    figures = found["solo12"]["12"]
     return {**figures["tick_us"], "ticks_by_proxqp": figures["ticks_by_proxqp"]}
 
 
@@ -205,7 +205,7 @@ GROUPS: dict[str, Group] = {
     "rubbing_estimated": _pushes_with(f"--warm-up 3 {_set(_RUBBING, 'joint_friction={}')}"),
     "locomotion": Group("bench_locomotion.py --quick", "bench_locomotion.py --quick --skip-pushes", of_locomotion),
     "loop": Group("bench_loop.py", "bench_loop.py --repeats 1 --skip-start", of_loop),
-    "wbc": Group("bench_wbc.py", "bench_wbc.py --facets 12", of_wbc),
+    "wbc": Group("bench_wbc.py", "bench_wbc.py --robots solo12 --facets 12", of_wbc),
     "mpc_full_body": _updates("full_body"),
     "estimation": Group("bench_estimation.py", "bench_estimation.py", of_estimation),
     "actions": Group("bench_actions.py", "bench_actions.py --repeat 100", of_actions),

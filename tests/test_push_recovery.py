@@ -7,10 +7,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import push_recovery
 import pytest
 
+from lgmpc import load_config
 from lgmpc.config.schema import Config
+from lgmpc.robot import load_robot
 
 
 @pytest.mark.parametrize(("warm_up", "stands"), [(0.0, 0.0), (3.0, 4.0)])
@@ -36,3 +39,22 @@ def test_feet_are_judged_from_where_the_robot_stands_after_the_warm_up(
     assert config.pushes[0].time_s == stands + push_recovery.START_S
     assert config.duration_s == stands + push_recovery.DURATION_S
     assert [command.at_s for command in config.commands] == ([0.0, warm_up] if warm_up else [])
+
+
+def test_a_pendulum_pushed_by_its_bound_ends_at_the_edge_of_its_soles() -> None:
+    config = load_config("g1_stand")
+    robot = load_robot(config.robot)
+    data = robot.create_data()
+    pin.framesForwardKinematics(robot.model, data, robot.q_reference)
+    com = pin.centerOfMass(robot.model, data, robot.q_reference)
+    points = np.array([data.oMf[i].translation for i in robot.contact_ids]) - com
+    base = data.oMi[1].act(robot.model.inertias[1].lever)[2]
+    edges = points[:, 0].max(), -points[:, 0].min()  # ahead and behind
+    for edge, impulse in zip(edges, push_recovery.pendulum_bound(robot, "pelvis", np.array([0.0, np.pi])), strict=True):
+        step, at, velocity = 1e-5, 0.0, 0.0
+        for _ in range(round(0.2 / step)):
+            force = impulse / 0.2
+            pressure = edge - force * (base - com[2]) / (robot.mass * 9.81)  # so that nothing turns
+            velocity += step * (9.81 / com[2] * (at - pressure) + force / robot.mass)
+            at += step * velocity
+        assert at + velocity / np.sqrt(9.81 / com[2]) == pytest.approx(edge, rel=1e-3)

@@ -19,7 +19,7 @@ from lgmpc.viz.figure_files import PALETTE, Drawing, draw_figures
 from lgmpc.viz.page import write_page
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
 
-__all__ = ["draw_sweep", "load_results", "sweep_drawing", "write_sweep_report"]
+__all__ = ["boundary_drawing", "draw_sweep", "load_results", "sweep_drawing", "write_sweep_report"]
 
 _COLUMNS = 3
 _BESIDE = 0.08
@@ -106,11 +106,11 @@ def sweep_drawing(sweep: Sweep, rows: Mapping[str, Row], summary: Summary) -> tu
             ]
             x, y, _ = point.levels[around.key[0]]
             curves.setdefault(", ".join(names), []).append((math.atan2(y, x), row.boundary))
-        return ("boundaries", _boundary_drawing(curves, f"largest {settings.bisect.key}")) if curves else None
+        return ("boundaries", boundary_drawing(curves, f"largest {settings.bisect.key}")) if curves else None
     return ("shares", _share_drawing(summary.levels)) if summary.levels else None
 
 
-def _boundary_drawing(curves: Mapping[str, Sequence[tuple[float, float]]], quantity: str) -> Drawing:
+def boundary_drawing(curves: Mapping[str, Sequence[tuple[float, float]]], quantity: str) -> Drawing:
     """Return the drawing of boundaries over their horizontal directions; x points up, as the robot walks.
 
     Args:

@@ -24,13 +24,13 @@ bisect: {key: plant.mass_scale, range: [1.0, 9.0], tolerance: 0.1}
 """)
     rows = {p.key: Row(p.key, Ending.PASS, boundary=1.0 + i) for i, p in enumerate(sweep.points)}
     drawn = {}
-    write = lgmpc.sweeps.report._boundary_drawing
+    write = lgmpc.sweeps.report.boundary_drawing
 
     def record(curves: dict[str, list[tuple[float, float]]], *rest: object) -> object:
         drawn.update(curves)
         return write(curves, *rest)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(lgmpc.sweeps.report, "_boundary_drawing", record)
+    monkeypatch.setattr(lgmpc.sweeps.report, "boundary_drawing", record)
     figure = draw_sweep(sweep, rows, summarize(sweep, rows), tmp_path)
     assert figure is not None
     assert figure.read_bytes().startswith(b"\x89PNG")

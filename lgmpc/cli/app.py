@@ -258,7 +258,7 @@ def export(
     rrd: Annotated[Path | None, option("All of a closed loop for rerun.", "--rrd", metavar="FILE")] = None,
     dataset: Annotated[
         Path | None,
-        option("Run, or kept runs of a sweep's folder, as a LeRobot dataset.", "--dataset", metavar="FOLDER"),
+        option("Run, or kept runs of a sweep's folder, for imitation: LeRobot, or an .hdf5 file.", "--dataset"),
     ] = None,
     c: Annotated[
         Path | None,

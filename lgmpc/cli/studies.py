@@ -39,6 +39,10 @@ def sweep(
         str, option("Compute every N-th point only, from the K-th on, as one of N machines.", metavar="K/N")
     ] = "1/1",
     resume: Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")] = False,
+    dataset: Annotated[
+        Path | None,
+        option("Write the kept runs (`logs.keep`) for imitation too: LeRobot's folder, or an .hdf5 file.", "--dataset"),
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
@@ -52,7 +56,11 @@ def sweep(
     loaded = load_sweep(file, [*overrides, *more])
     from lgmpc.cli.sweeping import part_of, sweep_shown
 
-    return sweep_shown(part_of(loaded, part), out, workers, resume=resume, as_json=as_json, quiet=quiet)
+    if dataset is not None:
+        from lgmpc.sweeps.dataset import check_dataset
+
+        check_dataset(dataset)
+    return sweep_shown(part_of(loaded, part), out, workers, dataset, resume=resume, as_json=as_json, quiet=quiet)
 
 
 def compare(

@@ -21,6 +21,7 @@ from lgmpc.runs import atomic_write, find_run, versions
 from lgmpc.runs.tables import Table
 from lgmpc.sweeps import FinishedSweep, Sweep, SweepProgress, run_sweep
 from lgmpc.sweeps.comparison import Comparison, Quantity, compare_folders, is_sweep
+from lgmpc.sweeps.dataset import write_dataset
 from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
 from lgmpc.sweeps.summary import Summary, summary_tables
@@ -39,9 +40,16 @@ def part_of(sweep: Sweep, text: str) -> Sweep:
 
 
 def sweep_shown(
-    sweep: Sweep, folder: Path | None, workers: int | None, *, resume: bool, as_json: bool, quiet: bool
+    sweep: Sweep,
+    folder: Path | None,
+    workers: int | None,
+    dataset: Path | None,
+    *,
+    resume: bool,
+    as_json: bool,
+    quiet: bool,
 ) -> int:
-    """Run a sweep, showing its progress, print its tables, and return the exit code."""
+    """Run a sweep, showing its progress, print its tables, write its dataset, and return the exit code."""
     total = len({point.key for point in sweep.points})
     with _points_display(total, quiet=quiet) as display:
         notify, progress = display.announce, display.advance
@@ -55,6 +63,9 @@ def sweep_shown(
         print(json.dumps({"folder": str(finished.folder), **content}, indent=2))
     else:
         _show_sweep(out(), finished, summary, figure, quiet=quiet)
+    if dataset is not None:
+        episodes, frames = write_dataset(finished.folder, dataset)
+        err().print(f"wrote {dataset}: {episodes} episodes, {frames} frames", markup=False)
     if finished.signal is not None:
         return Interrupted(finished.signal).exit_code
     return 0 if summary.passed else 1

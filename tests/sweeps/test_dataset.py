@@ -3,12 +3,15 @@
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from rerun.experimental import LeRobotReader
+from typer.testing import CliRunner
 
 import lgmpc
+from lgmpc.cli.app import app
 from lgmpc.errors import InputError
 from lgmpc.runs import Run
 from lgmpc.sweeps.dataset import write_dataset
@@ -55,9 +58,48 @@ def test_another_reader_of_the_format_reads_it(sweep: Path, tmp_path: Path) -> N
         assert any("solo12_velocity" in str(column) for column in tasks.values())
 
 
+def test_hdf5_has_the_layout_that_robomimic_reads(sweep: Path, tmp_path: Path) -> None:
+    """Keys, shapes and attributes of its ``SequenceDataset``."""
+    assert write_dataset(sweep, tmp_path / "walks.hdf5") == (2, 15 + 13)
+    paths = sorted((sweep / "logs").iterdir())
+    with h5py.File(tmp_path / "walks.hdf5") as file:
+        data = file["data"]
+        assert list(data) == ["demo_0", "demo_1"] and data.attrs["total"] == 28 and data.attrs["fps"] == 50
+        assert json.loads(data.attrs["env_args"])["env_name"] == "solo12_velocity"
+        for demo, path, count in zip(data.values(), paths, (15, 13), strict=True):
+            run = lgmpc.load_run(path)
+            assert isinstance(run, Run) and demo.attrs["num_samples"] == count and demo.attrs["run"] == path.name
+            ticks = 10 * np.arange(count)  # of 500 Hz
+            for name, channel in {
+                "actions": "tau_command",
+                "obs/q": "q",
+                "obs/v": "v",
+                "obs/command": "command",
+            }.items():
+                np.testing.assert_array_equal(demo[name], run[channel][ticks])
+                assert len(demo[name].attrs["names"]) == demo[name].shape[1]
+            assert demo["actions"].attrs["names"][0] == "tau_command.FL_HAA"
+            assert list(demo["dones"]) == [0] * (count - 1) + [1]
+            assert sum(demo["rewards"]) == demo["rewards"][-1] == float(run.result.verdict.passed)
+
+
+def test_a_sweep_writes_its_dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    study = tmp_path / "two.yaml"
+    study.write_text(
+        "name: two\nbase: solo12_velocity\nset: {duration_s: 0.1, pushes: [], gate: {}}\n"
+        "factors: [{kind: values, key: seed, values: [1, 2]}]\n",
+        encoding="utf-8",
+    )
+    given = ["sweep", str(study), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet", "--dataset"]
+    first, again = (CliRunner().invoke(app, [*given, str(tmp_path / "two.hdf5")]) for _ in range(2))
+    assert first.exit_code == 0 and "2 episodes, 12 frames" in first.output
+    assert again.exit_code == 2 and "two.hdf5" in again.output and "does not exist yet" in again.output
+
+
 def test_one_run_is_a_dataset_too_and_bad_folders_are_named(sweep: Path, tmp_path: Path) -> None:
     run = sorted((sweep / "logs").iterdir())[0]
     assert write_dataset(run, tmp_path / "one") == (1, 15)
-    with pytest.raises(InputError, match="a folder that does not exist yet"):
+    with pytest.raises(InputError, match="that does not exist yet"):
         write_dataset(run, tmp_path / "one")
     assert [each.name for each in tmp_path.iterdir()] == ["one"]

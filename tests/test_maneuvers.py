@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import pytest
@@ -36,8 +37,13 @@ def test_a_jump_is_performed_as_planned() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
-@pytest.mark.parametrize("config", ["solo12_jump", "solo12_leap", "solo12_spin", "go2_jump"])
+@pytest.mark.parametrize(
+    ("config", "plant"),
+    [
+        *itertools.product(("solo12_jump", "solo12_leap", "solo12_spin", "go2_jump"), ("mujoco", "pinocchio")),
+        ("anymal_jump", "mujoco"),
+    ],
+)
 def test_the_shipped_manoeuvres_pass(config: str, plant: str) -> None:
     measured(f"{config}_executed", f"plant.kind={plant}")
 

@@ -93,7 +93,7 @@ def test_a_sweep_writes_its_dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     )
     given = ["sweep", str(study), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet", "--dataset"]
     first, again = (CliRunner().invoke(app, [*given, str(tmp_path / "two.hdf5")]) for _ in range(2))
-    assert first.exit_code == 0 and "2 episodes, 12 frames" in first.output
+    assert first.exit_code == 0 and "2 episodes, 10 frames" in first.output
     assert again.exit_code == 2 and "two.hdf5" in again.output and "does not exist yet" in again.output
 
 

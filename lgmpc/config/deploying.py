@@ -10,6 +10,7 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -152,7 +153,7 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
     notify("loading the robot")
     robot = build_robot(config)
     controller = build_controller(config, robot, notify)
-    _separate_mpc(config, controller)
+    _arrange_planning(config, controller)
     estimator = build_estimator(config, robot, controller, None, notify)
     assert estimator is not None
     rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
@@ -168,15 +169,17 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
     return _DeploymentSession(config, controller, rates, recorder, estimator, driver)
 
 
-def _separate_mpc(config: Config, controller: LeggedController) -> None:
-    """Move the MPC to a process of its own, if the config says so."""
-    planner = controller.planner
-    if planner is None or not config.deployment.mpc_process:
+def _arrange_planning(config: Config, controller: LeggedController) -> None:
+    """Let the MPC plan when the config says so."""
+    planner, planning, reacts = controller.planner, config.deployment.planning, config.locomotion.reaction.enabled
+    if planner is None:
         return
-    if config.locomotion.reaction.enabled:
-        expected = "false: steps against pushes are forecast in the loop's own process (locomotion.reaction.enabled)"
-        raise config.error("deployment.mpc_process", "true", expected)
-    planner.mpc = ProcessMpc(partial(_own_mpc, config), config.mpc)
+    planner.deferred = planning == "after_command" and not reacts
+    if planning == "own_process":
+        if reacts:
+            expected = "another: steps against pushes are forecast in the loop's own process (locomotion.reaction)"
+            raise config.error("deployment.planning", planning, expected)
+        planner.mpc = ProcessMpc(partial(_own_mpc, config), config.mpc)
 
 
 def _own_mpc(config: Config) -> Mpc:
@@ -215,6 +218,13 @@ class _DeploymentSession:
             sample = PlantSample(state.time, state.q, state.v, measured.torques, self.legs.legs.forces)
             torque = tick.command.torque(measured.joints, measured.speeds)
             observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, nothing))
+
+        def plan() -> None:
+            begun = perf_counter()
+            if planner is not None and planner.finish(controller.wbc.terms):
+                report = controller.report
+                spent = report.plan_ms + 1e3 * (perf_counter() - begun)
+                controller.report = report._replace(plan=planner.plan, plan_ms=spent)
             if apart is not None and planner is not None and apart.arrived:
                 planner.expire()  # the next tick takes the plan
 
@@ -230,6 +240,7 @@ class _DeploymentSession:
                 period_s=self.rates.period,
                 duration_s=self.rates.ticks * self.rates.period,
                 settings=self.config.deployment,
+                after_command=plan,
                 on_tick=record,
                 limits=JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit),
                 operator=self.operator,

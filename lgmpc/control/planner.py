@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lgmpc.control.reference import MotionTasks
@@ -44,6 +46,7 @@ class Planner:
         load: the part of the wrench's horizontal force that lasts.
         contacts: over the horizon, to be written before :meth:`plan_from`.
         motion: desired motion over the horizon, to be written before :meth:`plan_from`.
+        deferred: whether plans are left to :meth:`finish`, after the tick's command has been sent; but the first one.
 
     Raises:
         InputError: the MPC's rate is above that of the ticks.
@@ -61,6 +64,7 @@ class Planner:
             noise_force=settings.observer_noise_share * weight,
         )
         self.load = SteadyForce(1.0 / settings.rate_hz, _LEAST_LOAD * weight)
+        self.deferred, self._asked = False, math.nan
         self._expired = False
         self._every = round(1.0 / (period * settings.rate_hz))
         if self._every < 1:
@@ -95,11 +99,29 @@ class Planner:
         return sampler.plan is None or self._expired or time - sampler.start > (self._every - 0.5) * self._period
 
     def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
-        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan, which is followed."""
+        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan that is followed."""
+        followed = self.plan
+        self._expired = False
+        if self.deferred and followed is not None:
+            self._asked = time
+            return followed
+        return self._make(time, terms)
+
+    def finish(self, terms: WholeBodyTerms) -> bool:
+        """Make the plan that this tick has left; return whether there was one. It is followed from the next tick on.
+
+        To be called in the same tick: state, contacts and motion are those of :meth:`plan_from`.
+        """
+        time, self._asked = self._asked, math.nan
+        if math.isnan(time) or self.plan is None:
+            return False
+        self._make(time, terms)
+        return True
+
+    def _make(self, time: float, terms: WholeBodyTerms) -> Plan:
         plan = self.forecast(self.state(time, terms), self.contacts, self.motion, self.wrench)
         self._sampler.load(plan, time)
         self.load.update(self.observer.wrench)
-        self._expired = False
         return plan
 
     def state(self, time: float, terms: WholeBodyTerms) -> MeasuredState:

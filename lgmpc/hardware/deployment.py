@@ -146,6 +146,7 @@ def deploy(
     period_s: float,
     duration_s: float,
     settings: DeploymentSettings | None = None,
+    after_command: Callable[[], None] = lambda: None,
     on_tick: Callable[[DeployedTick], None] = lambda tick: None,
     limits: JointLimits | None = None,
     operator: Operator | None = None,
@@ -162,7 +163,8 @@ def deploy(
         period_s: period of the measurements, s.
         duration_s: duration of the run, s.
         settings: see :class:`DeploymentSettings`.
-        on_tick: called after each command has been written; it may raise KeyboardInterrupt to end the run.
+        after_command: called after each command has been written, to compute what only the next one needs.
+        on_tick: called after that; it may raise KeyboardInterrupt to end the run.
             Not called while the robot lies down at the end.
         limits: of the joints; without them speeds, torques and gains are not limited.
         operator: emergency stop, arming and lying down; the controller's source of commands reads ``operator.lies``.
@@ -172,7 +174,7 @@ def deploy(
     """
     settings = DeploymentSettings() if settings is None else settings
     operator = Operator() if operator is None else operator
-    loop = _Loop(driver, controller, estimator, period_s, settings, on_tick, limits, operator)
+    loop = _Loop(driver, controller, estimator, period_s, settings, after_command, on_tick, limits, operator)
     failure = ""
     try:
         with real_time(settings.priority, settings.cores):
@@ -216,12 +218,14 @@ class _Loop:
         estimator: Estimator,
         period: float,
         settings: DeploymentSettings,
+        after_command: Callable[[], None],
         on_tick: Callable[[DeployedTick], None],
         limits: JointLimits | None,
         operator: Operator,
     ) -> None:
         self._driver, self._controller, self._estimator = driver, controller, estimator
-        self._period, self._settings, self._on_tick, self._operator = period, settings, on_tick, operator
+        self._period, self._settings, self._operator = period, settings, operator
+        self._after_command, self._on_tick = after_command, on_tick
         self._guard = CommandGuard(settings.damping_nms, None if limits is None else command_limits(limits.effort))
         self._safety = Safety(settings, limits, period)
         self._overtaken = self._missing = self._silences = self._misdated = 0
@@ -337,6 +341,7 @@ class _Loop:
         self._driver.write(command)
         spent = perf_counter() - arrived
         self._spent.append(spent)
+        self._after_command()
         if recorded:
             self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, replaced, spent))
 

@@ -32,6 +32,7 @@ from __future__ import annotations
 import hmac
 import struct
 from collections.abc import Iterator
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ class Layout:
         sizes += [size for bit, size in enumerate(optional) if present & 1 << bit]
         if present >> len(optional) or values.size != sum(sizes):
             return None
-        parts: Iterator[Any] = iter(np.split(values, np.cumsum(sizes[:-1])))
+        parts: Iterator[Any] = (values[end - size : end] for size, end in zip(sizes, accumulate(sizes), strict=True))
         time, *own = (next(parts) for _ in range(6))
         given: list[Any] = [next(parts) if present & 1 << bit else None for bit in range(len(optional))]
         given[4:6] = [None if value is None else float(value[0]) for value in given[4:6]]

@@ -8,7 +8,7 @@ import select
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -60,11 +60,12 @@ class DeploymentSettings(Settings):
         default=0,
         description="Real-time priority (SCHED_FIFO) of the loop, whose memory is locked then; 0: that of any program.",
     )
-    mpc_process: bool = Field(
-        default=False,
-        strict=True,
-        description="Whether the MPC plans in a process of its own, for which the loop does not wait: for models whose"
-        " update takes longer than a tick.",
+    planning: Literal["in_tick", "after_command", "own_process"] = Field(
+        default="after_command",
+        description="When the MPC plans: before the command of its tick, as in a simulation; after that command, which"
+        " follows the plan before, except where steps against pushes are forecast (locomotion.reaction), which need the"
+        " plan at once; or in a process of its own, for which the loop does not wait: for models whose update takes"
+        " longer than a tick.",
     )
     cores: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
         default=(), description="Processor cores that the loop may use; none named: all."

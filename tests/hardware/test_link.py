@@ -31,6 +31,7 @@ from lgmpc.hardware.packets import Layout
 from lgmpc.hardware.secret import read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
+from lgmpc.mpc import CentroidalMpc
 from lgmpc.mpc.process import ProcessMpc
 from lgmpc.robot import Robot
 from lgmpc.runs import RunFolder
@@ -67,7 +68,7 @@ def test_in_lock_step_the_robot_moves_as_in_lgmpc_run_bit_for_bit(tmp_path: Path
     """The controller depends on no simulator: across a link, from measurements only, it decides the same."""
     push = "pushes=[{body: base_link, time_s: 0.2, duration_s: 0.1, impulse_ns: [0.3, 1.0, 0]}]"
     # Simulated time does not pass while the robot's thread waits for a processor: that is no silence of the robot.
-    patient = "deployment={silence_s: 30.0, lost_s: 60.0}"
+    patient = "deployment={silence_s: 30.0, lost_s: 60.0, planning: in_tick}"
     config = load_config("solo12_balance_inekf", ["duration_s=0.6", "log.rate_hz=1000", push, patient])
     finished, deployment, served = on_a_link(config, tmp_path / "deployed", lock_step=True)
     alone = run_config(config, tmp_path / "alone").session
@@ -194,13 +195,52 @@ def test_a_simulated_robot_asks_for_the_priority_of_the_deployment(
     assert asked == expected
 
 
+def test_plans_are_made_after_the_command_and_followed_from_the_next_tick_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order, plan, write = list[str](), CentroidalMpc.update, UdpDriver.write
+
+    def planned(self: CentroidalMpc, *arguments: Any) -> Any:
+        order.append("plan")
+        return plan(self, *arguments)
+
+    def written(self: UdpDriver, command: Command) -> None:
+        if command is not self._command:  # which is repeated where its packet was lost
+            order.append("command")
+        write(self, command)
+
+    monkeypatch.setattr(CentroidalMpc, "update", planned)
+    monkeypatch.setattr(UdpDriver, "write", written)
+    changes = ["duration_s=0.5", "log.rate_hz=1000", "deployment={silence_s: 30.0, lost_s: 60.0}"]
+    config = load_config("solo12_balance_inekf", [*changes, "pushes.0.time_s=0.1"])
+    before, _, _ = on_a_link(config.replace({"deployment.planning": "in_tick"}), tmp_path, lock_step=True)
+    assert order[:13] == ["plan", *10 * ["command"], "plan", "command"]
+    order.clear()
+    after, _, served = on_a_link(config, tmp_path, lock_step=True)
+    assert order[:13] == ["plan", *11 * ["command"], "plan"]  # the first command needs a plan
+    logs = before.session.log, after.session.log
+    np.testing.assert_array_equal(logs[0].mpc_time, logs[1].mpc_time)
+    # Until the push the plans are the same ones; then each tick follows a plan that is one tick younger or older.
+    np.testing.assert_array_equal(logs[0].mpc_horizon_com[1], logs[1].mpc_horizon_com[1])
+    assert not np.array_equal(logs[0].tau_command[10], logs[1].tau_command[10])
+    np.testing.assert_array_equal(logs[0].tau_command[:10], logs[1].tau_command[:10])
+    np.testing.assert_allclose(logs[0].q, logs[1].q, atol=1e-3)
+    assert served.max_tilt_deg > 0.3
+
+
 @pytest.mark.slow
 def test_a_robot_trots_on_while_its_mpcs_process_stops_and_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Stopped for 200 ms, then killed: without plans, the whole-body QP balances until the next process plans."""
     trot = "commands=[{at_s: 0.1, velocity_m_s: [0.4, 0, 0], gait: trot}]"
-    changes = ["duration_s=1.8", trot, "deployment.mpc_process=true", "deployment.silence_s=10", "deployment.lost_s=20"]
+    changes = [
+        "duration_s=1.8",
+        trot,
+        "deployment.planning=own_process",
+        "deployment.silence_s=10",
+        "deployment.lost_s=20",
+    ]
     faults = {0.6: signal.SIGSTOP, 0.8: signal.SIGCONT, 1.2: signal.SIGKILL}
     seen, update = list[ProcessMpc](), ProcessMpc.update
 
@@ -219,8 +259,10 @@ def test_a_robot_trots_on_while_its_mpcs_process_stops_and_ends(
 
 
 def test_forecasts_of_steps_stay_in_the_loops_process() -> None:
-    changes = ["estimator={kind: inekf}", "deployment.mpc_process=true"]
-    with pytest.raises(ConfigError, match="deployment.mpc_process: got true; expected false: steps against pushes"):
+    changes = ["estimator={kind: inekf}", "deployment.planning=own_process"]
+    with pytest.raises(
+        ConfigError, match="deployment.planning: got own_process; expected another: steps against pushes"
+    ):
         deploy_config(load_config("solo12_step_recovery", changes), lambda robot: UdpDriver((LOCALHOST, 1), robot.nu))
 
 

@@ -139,6 +139,18 @@ def test_talos_walks_with_flat_soles_that_do_not_meet(plant):
 
 
 @pytest.mark.slow
+def test_talos_walks_on_its_sensors_and_knows_which_sole_carries():
+    commands = "commands=[{at_s: 0.2, velocity_m_s: [0.4, 0, 0], gait: walk}]"
+    result = prepare(load_config("talos_walk_inekf", [commands, "duration_s=2.5"])).run(lambda progress: None)
+    log, walking = result.log, result.metrics.walking
+    assert walking.odometry_drift_percent < 2.0 and walking.walking_tilt_deg < 1.0
+    found = log.estimate_contacts.reshape(log.ticks, 2, 4).astype(bool)
+    assert (found == found[:, :, :1]).all()
+    carries = log.normal_forces.reshape(log.ticks, 2, 4).sum(axis=2) > 1.0
+    assert (found[:, :, 0] != carries).mean() < 0.03  # with a force for each corner alone, of one tick, 0.1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("impulse", [(45, 0), (0, 45), (-40, 0)])
 def test_talos_steps_against_a_push_on_its_torso_and_stays_upright(impulse):
     push = f"pushes=[{{body: torso_2_link, time_s: 0.1, duration_s: 0.2, impulse_ns: [{impulse[0]}, {impulse[1]}, 0]}}]"

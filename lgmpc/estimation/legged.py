@@ -39,6 +39,9 @@ _OUTLIER = 8.0
 """Distance of an external pose or velocity from the estimate at which it cannot be true, in standard deviations."""
 _CONTACT_FORCE = (0.12, 0.8)
 """N per kg of the robot: thresholds of lift-off and touchdown. A quarter of the weight is 2.5."""
+_LOADS_S = 5e-3
+"""s over which the loads of soles are smoothed: noise of a joint's speed, differentiated, times the inertia of a heavy
+leg is more than these thresholds."""
 
 
 class LeggedEstimatorSettings(ImuNoise):
@@ -264,7 +267,8 @@ class LeggedEstimator:
         ground: the surface under the feet, level unless replaced by the belief of a controller.
         ekf: the filter.
         legs: positions, motion and forces of the feet at the last reading.
-        contacts: (nc,) which feet are in contact with the ground; the filter uses those of them that rest.
+        contacts: (nc,) which feet are in contact with the ground, with all corners of a sole; the filter uses those of
+            them that rest.
         rejected: (nc,) which feet in contact did not correct the estimate at the last reading, because they moved.
         monitor: replaces quantities that cannot be true; None where the settings leave it out.
         failures: number of skipped readings.
@@ -303,8 +307,9 @@ class LeggedEstimator:
         self.failures = 0
         self.spent = 0.0
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
-        self._detector = ContactDetector(robot.nc, touch, release)
-        self.contacts = self._detector.touching
+        self._detector = ContactDetector(robot.nf, touch, release)
+        self.contacts: BoolArray = self._feet.spread(self._detector.touching)
+        self._loads, self._smoothing = np.zeros(robot.nf), min(1.0, duration_of("period", period) / _LOADS_S)
         self.rejected = np.zeros(robot.nc, dtype=np.bool_)
         self._moved = np.full(robot.nc, -math.inf)  # when each foot was last found to move, s
         self._gate, self._rest = chi_square_bound(settings.outlier_probability), settings.rest_s
@@ -324,6 +329,7 @@ class LeggedEstimator:
     def reset(self) -> None:
         """Start again with the next reading."""
         self._detector.reset()
+        self._loads[:] = 0.0
         self.legs.reset()
         self._moved[:] = -math.inf
         self.rejected[:] = False
@@ -355,7 +361,11 @@ class LeggedEstimator:
         else:
             self._level(reading.accelerometer)
         legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
-        self._detector.update(legs.forces @ self._up if self._even else (legs.forces * legs.normals).sum(axis=1))
+        normal_forces = legs.forces @ self._up if self._even else (legs.forces * legs.normals).sum(axis=1)
+        if not self._feet.single:
+            self._loads += self._smoothing * (self._feet.total(normal_forces) - self._loads)
+            normal_forces = self._loads
+        self.contacts = self._feet.spread(self._detector.update(normal_forces))
         resting = self.contacts & self._slow() & (reading.time - self._moved >= self._rest)
         for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
             ekf.end_contact(foot)

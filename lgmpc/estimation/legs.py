@@ -10,7 +10,7 @@ from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, instance, number, whole
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, leg_joints
 from lgmpc.robot.feet import UP
 from lgmpc.robot.friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
@@ -138,6 +138,7 @@ def _leg_function(robot: Robot) -> ca.Function:
     outputs: dict[str, list[ca.SX]] = {
         name: [] for name in ("positions", "covariances", "rates", "velocities", "spreads", "forces")
     }
+    jacobians: list[ca.SX] = []
     for i, frame in enumerate(robot.contact_ids):
         whole = model.frame_jacobian(level, frame, pin.LOCAL_WORLD_ALIGNED)[:, 6:]
         jacobian = whole[:3, :]
@@ -150,7 +151,12 @@ def _leg_function(robot: Robot) -> ca.Function:
         outputs["rates"].append(rates)
         outputs["velocities"].append(velocity + moving + rolling)
         outputs["spreads"].append(ca.vec(rotation @ square @ rotation.T))
-        outputs["forces"].append(rotation @ _solve(square + _DAMPING * ca.SX.eye(3), jacobian @ unbalanced))
+        jacobians.append(jacobian)
+    patches = robot.foot_points
+    for first, count, frame in zip(patches.starts.tolist(), patches.counts.tolist(), robot.foot_ids, strict=True):
+        leg = [robot.model.joints[joint].idx_v - 6 for joint in leg_joints(robot, frame)]
+        forces = _least_forces(ca.vertcat(*jacobians[first : first + count]), unbalanced, leg)
+        outputs["forces"] += [rotation @ force for force in ca.vertsplit(forces, 3)]
     inputs = {
         "joints": joints,
         "speeds": speeds,
@@ -167,6 +173,17 @@ def _leg_function(robot: Robot) -> ca.Function:
     }
     results = ca.cse([ca.vertcat(*each) for each in outputs.values()])
     return ca.Function("leg_sensing", list(inputs.values()), results, list(inputs), list(outputs))
+
+
+def _least_forces(jacobian: ca.SX, torques: ca.SX, leg: list[int]) -> ca.SX:
+    """Return the smallest forces (3 k,) at the k points of a foot that balance the torques of a leg in least squares.
+
+    Of the forces at the corners of a sole only the wrench is determined, by the six joints of its leg.
+    """
+    if jacobian.shape[0] == 3:
+        return _solve(jacobian @ jacobian.T + _DAMPING * ca.SX.eye(3), jacobian @ torques)
+    j = jacobian[:, leg]
+    return j @ ca.solve(j.T @ j + _DAMPING * ca.SX.eye(len(leg)), torques[leg])
 
 
 def _solve(matrix: ca.SX, right: ca.SX) -> ca.SX:

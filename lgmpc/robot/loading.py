@@ -14,7 +14,14 @@ from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, 
 from lgmpc.robot.collision import check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
-from lgmpc.robot.posture import LEVEL_TOLERANCE, contact_heights, propose_posture, put_on_ground, reference_posture
+from lgmpc.robot.posture import (
+    LEVEL_TOLERANCE,
+    contact_heights,
+    propose_posture,
+    propose_standing,
+    put_on_ground,
+    reference_posture,
+)
 from lgmpc.robot.soles import Foot, make_feet
 from lgmpc.robot.sources import ResolvedSource, build_model, find_packages, resolve
 from lgmpc.robot.spec import RobotSpec
@@ -93,7 +100,11 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     )
     mimics = checks.check_mimic(model, text.mimics)
     if spec.posture is None and ids and not problems:
-        posture_notes += propose_posture(model, joints, q, ids)
+        known = [entry.key() for entry in model.referenceConfigurations]
+        if not spec.feet:
+            posture_notes += propose_posture(model, joints, q, ids)
+        elif source.posture not in known:
+            problems += propose_standing(model, joints, q, [[frame_index(model, c) for c in s.frames] for s in soles])
     notes = (*notes, *text.notes, *package_notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
     lower, upper = _degree_limits(model, joints)
     start = 6 if is_floating(model) else 0

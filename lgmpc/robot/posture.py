@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import pinocchio as pin
@@ -13,12 +13,22 @@ from lgmpc.robot.actuators import ActuatedJoint, match_joints
 from lgmpc.robot.names import is_floating, some
 from lgmpc.typing import Array
 
-__all__ = ["LEVEL_TOLERANCE", "contact_heights", "propose_posture", "put_on_ground", "reference_posture"]
+__all__ = [
+    "LEVEL_TOLERANCE",
+    "contact_heights",
+    "propose_posture",
+    "propose_standing",
+    "put_on_ground",
+    "reference_posture",
+]
 
 LEVEL_TOLERANCE = 1e-3
 """Largest deviation of contact points from a plane that is levelled, m."""
 
 _LARGEST_TILT = math.radians(45.0)
+
+_BENT = 0.95
+"""Distance from thigh to ankle in a proposed posture, as a share of that of the stretched leg."""
 
 
 def reference_posture(
@@ -67,33 +77,102 @@ def propose_posture(model: pin.Model, joints: Sequence[ActuatedJoint], q: Array,
     In the proposed posture each foot is below the second joint of its leg, that of the thigh, and joints are far from
     their limits.
     """
-    movable = [joint for joint in joints if joint.scalar]
-    index = [joint.q.start for joint in movable]
-    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
-    at_limit = (q[index] <= low) | (q[index] >= high)
-    if not at_limit.any() or not np.isfinite(high - low).all() or not (high > low).all():
-        return []
-    data, width = model.createData(), high - low
-    hips = [[joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1][:2] for frame in frames]
-    rest = np.where(at_limit, 0.5 * (low + high), q[index])
+    data, hips = model.createData(), [leg[:2][-1:] for leg in _legs(model, frames)]
 
-    def deviations(values: Array) -> Array:
-        full = q.copy()
-        full[index] = values
+    def deviations(full: Array) -> Array:
         pin.forwardKinematics(model, data, full)
         feet = [pin.updateFramePlacement(model, data, frame).translation for frame in frames]
         beside = [foot[:2] - data.oMi[hip[-1]].translation[:2] for foot, hip in zip(feet, hips, strict=True) if hip]
-        return np.concatenate([*beside, 0.05 * (values - rest) / width])
+        return np.concatenate(beside)
+
+    index = [joint.q.start for joint in joints if joint.scalar]
+    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
+    at_limit = (q[index] <= low) | (q[index] >= high)
+    rest = q[index]
+    rest[at_limit] = 0.5 * (low[at_limit] + high[at_limit])
+    if not at_limit.any() or (found := _nearest(model, joints, q, rest, deviations)) is None:
+        return []
+    there = some([joint.name for joint, here in zip(_scalar(joints), at_limit, strict=True) if here])
+    words = _words(zip(_scalar(joints), found, strict=True))
+    return [f"without a posture {there} start at a limit; one that is far from the limits: {words}"]
+
+
+def propose_standing(
+    model: pin.Model, joints: Sequence[ActuatedJoint], q: Array, soles: Sequence[Sequence[int]]
+) -> list[str]:
+    """Return a problem of a robot with soles and without a posture, with one to give.
+
+    A straight leg cannot lift its hip. In the proposed posture the knees are bent, the corners of all soles are at one
+    height, each sole is below the thigh of its leg to the side, and the centre of mass above the middle of the soles.
+
+    Args:
+        model: with position limits.
+        joints: the model's joints without the floating base.
+        q: (nq,) neutral configuration within the limits.
+        soles: frames of the corners of each.
+    """
+    data, legs = model.createData(), _legs(model, [corners[0] for corners in soles])
+    if any(len(leg) < 3 for leg in legs):
+        return []
+    lengths = [sum(float(np.linalg.norm(model.jointPlacements[j].translation)) for j in leg[2:]) for leg in legs]
+
+    def deviations(full: Array) -> Array:
+        com = pin.centerOfMass(model, data, full)
+        corners = [[pin.updateFramePlacement(model, data, k).translation for k in frames] for frames in soles]
+        points, centres = np.array([point for sole in corners for point in sole]), np.mean(corners, axis=1)
+        hips, ankles = (np.array([data.oMi[leg[k]].translation for leg in legs]) for k in (1, -1))
+        stretch = np.linalg.norm(ankles - hips, axis=1) / lengths - _BENT
+        level = 10.0 * (points[:, 2] - points[:, 2].mean())
+        return np.concatenate([level, stretch, centres[:, 1] - hips[:, 1], [com[0] - centres[:, 0].mean()]])
+
+    scalar = _scalar(joints)
+    found = _nearest(model, joints, q, q[[joint.q.start for joint in scalar]], deviations)
+    if found is None:
+        return []
+    moved = [pair for pair in zip(scalar, found, strict=True) if abs(pair[1] - q[pair[0].q.start]) > 0.01]
+    return [
+        "posture: none is given, and its files have none; expected one with flat soles and bent knees, such as"
+        f" {_words(moved)}"
+    ]
+
+
+def _legs(model: pin.Model, frames: Sequence[int]) -> list[list[int]]:
+    """Return the joints from the base, whose free-flyer is joint 1, to each frame."""
+    return [[joint for joint in model.supports[model.frames[frame].parentJoint] if joint > 1] for frame in frames]
+
+
+def _scalar(joints: Sequence[ActuatedJoint]) -> list[ActuatedJoint]:
+    return [joint for joint in joints if joint.scalar]
+
+
+def _words(values: Iterable[tuple[ActuatedJoint, float]]) -> str:
+    return f"posture: {{{', '.join(f'{joint.name}: {value:.2f}' for joint, value in values)}}}"
+
+
+def _nearest(
+    model: pin.Model, joints: Sequence[ActuatedJoint], q: Array, rest: Array, deviations: Callable[[Array], Array]
+) -> Array | None:
+    """Return the scalar joints' positions with the least deviations of a configuration, far from their limits.
+
+    They are near ``rest``; the other joints are as in ``q``. None without finite ranges.
+    """
+    index = [joint.q.start for joint in _scalar(joints)]
+    low, high = model.lowerPositionLimit[index], model.upperPositionLimit[index]
+    width = high - low
+    if not np.isfinite(width).all() or not (width > 0.0).all():
+        return None
+
+    def of_joints(values: Array) -> Array:
+        full = q.copy()
+        full[index] = values
+        return np.concatenate([deviations(full), 0.05 * (values - rest) / width])
 
     edge = 0.1 * width
     start = np.clip(rest, low + edge, high - edge)
     from scipy.optimize import least_squares  # here, because only a robot without a posture needs it
 
-    found = least_squares(deviations, start, bounds=(low + 0.99 * edge, high - 0.99 * edge)).x
-    pairs = zip(movable, found.round(2) + 0.0, strict=True)
-    words = ", ".join(f"{joint.name}: {value:.2f}" for joint, value in pairs)
-    there = some([joint.name for joint, here in zip(movable, at_limit, strict=True) if here])
-    return [f"without a posture {there} start at a limit; one that is far from the limits: posture: {{{words}}}"]
+    found: Array = least_squares(of_joints, start, bounds=(low + 0.99 * edge, high - 0.99 * edge)).x
+    return found.round(2) + 0.0
 
 
 def contact_heights(model: pin.Model, q: Array, frames: Sequence[int], radius: float) -> Array:

@@ -8,11 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from lgmpc import load_config
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.estimation import ContactDetector, LegSensing
 from lgmpc.lie import so3
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, load_robot
 
 PERIOD, ENCODER, FOOT = 1e-3, 3e-3, 1e-3
 NOTHING = np.zeros(12)
@@ -137,3 +138,23 @@ def test_the_contact_switch_has_hysteresis_and_ignores_what_is_not_finite() -> N
 def test_impossible_switches_are_refused(feet: int, touch: float, release: float) -> None:
     with pytest.raises(InputError):
         ContactDetector(feet, touch, release)
+
+
+def test_the_wrench_under_a_sole_follows_from_its_legs_torques() -> None:
+    """Its force and its moment, from whatever corner forces: of these, sums are determined and nothing else."""
+    robot = load_robot(load_config("talos_legs_stand").robot)
+    rng, model, data, q = np.random.default_rng(2), robot.model, robot.create_data(), robot.q_reference.copy()
+    rotation = so3.exp(np.array([0.1, -0.2, 0.4]))
+    q[3:7] = pin.Quaternion(rotation).coeffs()
+    corners = rng.normal(scale=20.0, size=(8, 3)) + [0.0, 0.0, 60.0]
+    torques = pin.computeGeneralizedGravity(model, data, q)[6:].copy()
+    for force, frame in zip(corners, robot.contact_ids, strict=True):
+        torques -= pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:3, 6:].T @ force
+    legs, still = LegSensing(robot, PERIOD, ENCODER, FOOT), np.zeros(3)
+    legs.update(reading(q[7:], np.zeros(12), torques, accelerometer=-robot.gravity @ rotation), rotation, still, still)
+    pin.framesForwardKinematics(model, data, q)
+    arms = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
+    arms -= robot.foot_points.mean(arms)[robot.foot_points.of]
+    for values, scale in ((lambda f: f, 1.0), (lambda f: np.cross(arms, f), 0.1)):
+        found, expected = (robot.foot_points.total(values(f)) for f in (legs.forces, corners))
+        np.testing.assert_allclose(found, expected, atol=0.5 * scale)

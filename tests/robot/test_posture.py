@@ -127,3 +127,20 @@ def test_a_posture_is_proposed_to_a_robot_that_would_start_at_its_limits() -> No
         thigh = proposed.model.getJointId(foot.replace("foot", "thigh_joint"))
         away = data.oMf[proposed.frame(foot)].translation - data.oMi[thigh].translation
         assert abs(away[0]) < 5e-3 and away[2] < -0.25
+
+
+def test_a_robot_on_soles_without_a_posture_is_refused_with_one_to_paste() -> None:
+    """G1's neutral legs are straight. In the proposed posture it stands on flat soles, its knees bent."""
+    feet = [{"frame": f"{side}_ankle_roll_link", "sole": "auto"} for side in ("left", "right")]
+    spec = RobotSpec.model_validate({"model": "g1", "feet": feet, "armature_kg_m2": 0.01}, strict=False)
+    with pytest.raises(ModelError) as caught:
+        load_robot(spec)
+    (problem,) = caught.value.problems
+    assert problem.startswith("posture: none is given, and its files have none; expected one with flat soles and bent ")
+    robot = load_robot(spec.replace({"posture": yaml.safe_load(problem[problem.index("posture: {") :])["posture"]}))
+    assert robot.notes == () and np.ptp(contact_points(robot)[:, 2]) < 1e-3
+    angles = dict(zip(robot.joint_names, robot.q_reference[7:], strict=True))
+    assert min(angles["left_knee_joint"], angles["right_knee_joint"]) > 0.3
+    com = pin.centerOfMass(robot.model, robot.create_data(), robot.q_reference)
+    assert com[0] == pytest.approx(contact_points(robot)[:, 0].mean(), abs=0.02)
+    assert load_robot(spec.replace({"posture": {}})).q_reference[7:] == pytest.approx(0.0)  # asked for

@@ -18,7 +18,7 @@ from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
 from lgmpc.compile.index import cached
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
-from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, reporting
+from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, reporting, sequence_of
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
 from lgmpc.compile.simd import EXACT, SQUARES
 
@@ -42,4 +42,5 @@ __all__ = [
     "jit_enabled",
     "cached",
     "reporting",
+    "sequence_of",
 ]

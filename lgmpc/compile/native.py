@@ -29,6 +29,7 @@ __all__ = [
     "frame_of",
     "load_library",
     "reporting",
+    "sequence_of",
 ]
 
 _log = logging.getLogger("lgmpc.compile")
@@ -164,8 +165,21 @@ def bind_library(
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
 
 
-def frame_of(*arrays: Array | NDArray[Any], keep: Sequence[object] = ()) -> Any:
-    """Return the addresses of arrays, the argument of machine code; arrays and ``keep`` live as long as it does."""
-    frame = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
-    frame.keep = (*arrays, *keep)  # type: ignore[attr-defined]
+def frame_of(*parts: Array | NDArray[Any] | ctypes.Array[Any], keep: Sequence[object] = ()) -> Any:
+    """Return the addresses of arrays and other frames, the argument of machine code; these live as long as it does."""
+    addresses = (ctypes.addressof(p) if isinstance(p, ctypes.Array) else p.ctypes.data for p in parts)
+    frame = (ctypes.c_void_p * len(parts))(*addresses)
+    frame.keep = (*parts, *keep)  # type: ignore[attr-defined]
     return frame
+
+
+def sequence_of(*calls: Callable[[], int]) -> Any:
+    """Return the addresses of the functions and frames of calls of machine code, to be made in this order."""
+    sequence = (ctypes.c_void_p * (2 * len(calls)))()
+    for k, call in enumerate(calls):
+        assert isinstance(call, functools.partial)
+        function: Any = call.func
+        sequence[2 * k] = ctypes.cast(function, ctypes.c_void_p).value
+        sequence[2 * k + 1] = ctypes.addressof(call.args[0]._obj)
+    sequence.keep = calls  # type: ignore[attr-defined]
+    return sequence

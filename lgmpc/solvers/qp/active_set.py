@@ -25,16 +25,16 @@ solve continues with active sets and ends exactly, without the ill-conditioned e
 
 from __future__ import annotations
 
-import math
+import ctypes
 from collections.abc import Sequence
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
-from lgmpc.compile import EXACT, compile_source, frame_of
+from lgmpc.compile import EXACT, compile_source, frame_of, sequence_of
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.central_path import CentralPath, nearest_in
 from lgmpc.solvers.qp.dense_riccati import DenseRiccati
 from lgmpc.solvers.qp.general import PiqpSolver
 from lgmpc.solvers.qp.protocol import QpSolution, QpSolver, RiccatiSolver, is_large
@@ -43,15 +43,11 @@ from lgmpc.solvers.sweep import all_finite, penalised_feedback
 from lgmpc.status import Status
 from lgmpc.typing import Array, numbers
 
-__all__ = ["ActiveSetSolver", "Penalties", "riccati_for"]
+__all__ = ["ROW_METHODS", "ActiveSetSolver", "riccati_for", "row_methods"]
 
 _PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallbacks
-_FEW = 4  # rows that may change in any sweep of an active set, even if fewer did in the last one
-_FIRST = 0.125  # share of the rows that may change in the first sweep
-_GROWTH = 10.0  # of the penalty with each update of the multipliers
-_STIFFEST = 1e5  # penalty beyond which it does not grow, in control weights
+ROW_METHODS = ("penalties", "central_path", "active_set")
 _HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weights
-_START = 20.0  # penalty of all rows where the central path begins, in control weights
 
 
 def riccati_for(qp: OcpQp) -> RiccatiSolver:
@@ -107,14 +103,40 @@ class ActiveSetSolver:
         self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)
         self._riccati = r = riccati_for(qp) if riccati is None else riccati
         self.solution = QpSolution.zeros(qp)
-        self._penalties = Penalties(qp, r, self.solution.multipliers, tolerance)
-        bounds = qp.vector("lower"), qp.vector("upper")
-        self._path = CentralPath(*bounds, r.rows, r.weights, r.targets, self.solution.multipliers)
-        self.available = r.available and self._penalties.available and self._path.available
-        self._scale, self._ready = 0.0, False
         block = s.blocks["R"]
         diagonal = block.where.start + np.flatnonzero(block.rows == block.columns)
+        self._point, self._mu = np.zeros((2, s.nodes, s.ng))
+        self._numbers = np.array([tolerance, r.penalty, 0.0])
+        # The weights of controls that an interval does not have are 1, and have no meaning.
         self._control_weights = np.add.outer(s.size * np.arange(s.nodes), diagonal).ravel()
+        self._counts = np.array([0, max_sweeps, max_iterations, self._control_weights.size])
+        self._library = row_methods()
+        self.available = r.available and self._library is not None
+        if self.available:
+            self.frame = self._bind()
+        self._scale, self._ready = 0.0, False
+
+    def _bind(self) -> Any:
+        """Return the addresses of all that the solver's own machine code reads and writes."""
+        qp, r, found, s = self.qp, self._riccati, self.solution, self.qp.structure
+        rows = (s.nodes, s.ng)
+        plan, bounds = np.array([*rows, s.size]), (qp.vector("lower"), qp.vector("upper"))
+        penalties = frame_of(
+            plan, np.array([self.tolerance, 0.0]), *bounds, found.multipliers, self._mu, self._point, r.weights,
+            r.targets, r.rows, r.multipliers, np.zeros(3),
+        )  # fmt: skip
+        path = frame_of(
+            plan, np.zeros(2), *bounds, found.multipliers, r.rows, r.weights, r.targets, np.zeros(rows),
+            np.zeros((*rows, 2, 9)), np.zeros(1, dtype=np.int64), np.zeros(rows), np.zeros(rows), np.zeros(3),
+        )  # fmt: skip
+        sizes = np.array([len(r.factoring), len(r.solving), *(a.size for a in (r.dxs, r.dus, r.costates, r.residual))])
+        calls = (sequence_of(*each) for each in (r.factoring, r.solving, r.refining[:1], r.refining[1:]))
+        riccati = frame_of(
+            sizes, *calls, r.dxs, r.dus, r.costates, r.rows, r.multipliers, *r.correction, r._cost, r.residual,
+            *found.arrays,
+        )  # fmt: skip
+        weights, work = self._control_weights, np.zeros(self._control_weights.size)
+        return frame_of(penalties, path, riccati, self._numbers, self._counts, qp.values, weights, work)
 
     def reset(self) -> None:
         """Set the multipliers to zero, and reset the fallbacks."""
@@ -125,31 +147,30 @@ class ActiveSetSolver:
 
     def prepare(self) -> None:
         """Take over the matrices (the factorisation needs the active rows, which need the first state)."""
-        # The weights of controls that an interval does not have are 1, and have no meaning.
-        weights = self.qp.values.take(self._control_weights)
-        middle = weights.size // 2
-        if weights.size:
-            weights.partition(middle)
-            self._scale = float(weights[middle])
-        self._penalties.rho = self._riccati.penalty * self._scale
+        if self._library is None:  # gains are those of the same penalties
+            weights = self.qp.values.take(self._control_weights)
+            self._scale = float(np.partition(weights, weights.size // 2)[weights.size // 2]) if weights.size else 0.0
+        elif self.available:
+            self._library.lgmpc_qp_prepare(self.frame)
+            self._scale = float(self._numbers[2])
         self._ready = self.available and self._scale > 0.0
         if self._ready:
             self._riccati.load()
 
     def solve(self, dx0: Array) -> Status:
         """Solve from the current multipliers; see :class:`~lgmpc.solvers.qp.QpSolver`."""
-        self.iterations, self.took_over = 0, False
+        self.iterations = self._counts[0] = 0
+        self.took_over = False
         self._riccati.dx0[...] = dx0
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # of a path that does not converge
             if self._ready:
-                self._penalties.resume()
-                if self._active_set():
+                if self._run("resume", "active_set"):
                     return Status.CONVERGED
             lower, upper = self.qp.vector("lower"), self.qp.vector("upper")
             finite = self.qp.is_finite() and all_finite(dx0) and not (np.isnan(lower).any() or np.isnan(upper).any())
             if finite and bool((lower > upper).any()):
                 return Status.INFEASIBLE
-            if self._ready and finite and self._interior_point():
+            if self._ready and finite and self._run("interior_point"):
                 return Status.CONVERGED
         # A scale of zero: controls without a cost of their own, for which the fallback may have a solution.
         if finite and (self._ready or self._scale < 0.0) and not self.may_use_fallbacks:
@@ -162,7 +183,7 @@ class ActiveSetSolver:
         for solver in self._fallbacks:
             solver.prepare()
             status = solver.solve(dx0)
-            self.iterations += solver.iterations
+            self.iterations = self._counts[0] = self.iterations + solver.iterations
             if status in (Status.CONVERGED, Status.NOT_FINITE):
                 break
         if status.usable:
@@ -179,7 +200,7 @@ class ActiveSetSolver:
         gains = None
         if self._ready:
             self._riccati.weights[...], self._riccati.targets[...] = weights, 0.0
-            gains = self._riccati.feedback() if self._factor() else None
+            gains = self._riccati.feedback() if self._riccati.factor() else None
         return penalised_feedback(self.qp, weights) if gains is None else gains
 
     def _polish(self) -> bool:
@@ -189,144 +210,20 @@ class ActiveSetSolver:
         rows = np.einsum("kij,kj->ki", qp.dense("C"), s.dxs[:-1]) + np.einsum("kij,kj->ki", qp.dense("D"), s.dus)
         bounds = np.where(s.multipliers > 0.0, upper, lower)
         active = np.abs(s.multipliers) > np.abs(rows - bounds)
-        self._penalties.point[...] = np.where(active, bounds, nearest_in(rows, lower, upper))
-        self._penalties.mu[...] = np.where(active, s.multipliers, 0.0)
-        return self._active_set()
+        self._point[...] = np.where(active, bounds, np.minimum(np.maximum(rows, lower), upper))
+        self._mu[...] = np.where(active, s.multipliers, 0.0)
+        return self._run("active_set")
 
-    def _active_set(self) -> bool:
-        """Minimise the augmented Lagrangian from point and multiplier estimates; False if that takes too many sweeps.
-
-        Active are rows of the point that are outside their bounds, shifted by the multipliers.
-        """
-        r, p, tolerance = self._riccati, self._penalties, self.tolerance
-        p.rho, allowed = r.penalty * self._scale, _FIRST * p.point.size
-        for _ in range(self.max_sweeps):
-            p.penalise()
-            if not self._factor():
-                return False
-            p.measure()
-            if p.residual <= tolerance and self._accept():
-                return True
-            if p.changed > max(allowed, _FEW):  # no contraction: the guess was too far off
-                return False
-            allowed = p.changed
-            if p.difference <= tolerance:  # the minimiser for these multipliers
-                p.mu[...], p.point[...] = r.multipliers, self._nearest_to(r.rows + r.multipliers)
-                p.rho = max(p.rho, min(_GROWTH * p.rho, _STIFFEST * self._scale))
-            else:
-                p.point[...] = r.rows
-        return False
-
-    def _interior_point(self) -> bool:
-        """Follow the central path until the active rows are known; False if it does not converge."""
-        r, path = self._riccati, self._path
-        path.begin(_START * self._scale, self._penalties.rho)
-        if not self._factor():
-            return False
-        path.start()
-        for _ in range(self.max_iterations):
-            path.predict()
-            if not self._factor():
-                return False
-            path.correct()
-            r.solve()
-            if not path.step():
-                return False
-            if self._is_optimal():
-                return True
-            if path.settled:
-                path.identify()
-                self._penalties.point[...], self._penalties.mu[...] = path.point, path.multipliers
-                if self._active_set():
-                    return True
-        return False
-
-    def _factor(self) -> bool:
-        self.iterations += 1
-        return self._riccati.factor() and math.isfinite(self._riccati.cost)
-
-    def _is_optimal(self) -> bool:
-        """Take the Riccati solver's point, and its multipliers, if they satisfy the optimality conditions."""
-        self._penalties.measure()
-        return self._penalties.residual <= self.tolerance and self._accept()
-
-    def _accept(self) -> bool:
-        """Take the Riccati solver's point, with rows within their bounds, and its multipliers, if it is stationary."""
-        r, tolerance = self._riccati, self.tolerance
-        corrections = r.polish(tolerance)
-        if corrections is None or (corrections and not self._bound_residual() <= tolerance):
-            return False
-        self.solution.write(r.dxs, r.dus, r.costates, r.multipliers)
-        return True
-
-    def _bound_residual(self) -> float:
-        """Return the largest residual of bounds and complementarity: 0 if only rows at bounds have multipliers."""
-        r = self._riccati
-        return float(np.abs(r.rows - self._nearest_to(r.rows + r.multipliers)).max(initial=0.0))
-
-    def _nearest_to(self, rows: Array) -> Array:
-        return nearest_in(rows, self.qp.vector("lower"), self.qp.vector("upper"))
+    def _run(self, *names: str) -> bool:
+        """Call functions of ``active_set.c``; return whether the last one has found the solution."""
+        assert self._library is not None  # else it is not ready
+        for name in names:
+            found = self._library[f"lgmpc_qp_{name}"](self.frame)
+        self.iterations = int(self._counts[0])
+        return bool(found)
 
 
-class Penalties:
-    """Penalties of the rows of a problem, on the memory of its Riccati solver.
-
-    Args:
-        qp: the problem, whose bounds are read.
-        riccati: its rows are read, its weights, targets and multipliers written.
-        known: (N, ng) multipliers that :meth:`resume` begins with.
-        least: smaller ones count as zero.
-
-    Attributes:
-        available: whether there is machine code; else nothing can be called.
-        mu: (N, ng) multiplier estimates.
-        point: (N, ng) rows that define the active set.
-        difference: largest difference of the multipliers from the augmented Lagrangian's.
-        residual: largest residual of bounds and complementarity.
-        changed: number of rows that became active or inactive.
-    """
-
-    def __init__(
-        self,
-        qp: OcpQp,
-        riccati: RiccatiSolver,
-        known: Array,
-        least: float,
-    ) -> None:
-        s = qp.structure
-        source = files("lgmpc.solvers.qp").joinpath("penalties.c").read_text(encoding="utf-8")
-        library = compile_source("lgmpc_penalties", EXACT + source)
-        self.available = library is not None
-        self.mu: Array = np.zeros((s.nodes, s.ng))
-        self.point: Array = np.zeros((s.nodes, s.ng))
-        self._numbers, self._measures = np.array([least, 0.0]), np.zeros(3)
-        r = riccati
-        self._frame = frame_of(
-            np.array([s.nodes, s.ng, s.size], dtype=np.int64), self._numbers, qp.vector("lower"), qp.vector("upper"),
-            known, self.mu, self.point, r.weights, r.targets, r.rows, r.multipliers, self._measures,
-        )  # fmt: skip
-        if library is not None:
-            self._resume, self._penalise = library.lgmpc_resume, library.lgmpc_penalise
-            self._measure = library.lgmpc_measure
-
-    @property
-    def rho(self) -> float:
-        """The penalty of active rows."""
-        return float(self._numbers[1])
-
-    @rho.setter
-    def rho(self, value: float) -> None:
-        self._numbers[1] = value
-
-    def resume(self) -> None:
-        """Take over the known multipliers; rows that have one are at their bounds, others within them, near zero."""
-        self._resume(self._frame)
-
-    def penalise(self) -> None:
-        """Write the penalties of the rows that are active at :attr:`point`."""
-        self._penalise(self._frame)
-
-    def measure(self) -> None:
-        """Write the multipliers with which the solver's minimiser is stationary, and the measures of its rows."""
-        self._measure(self._frame)
-        self.difference, self.residual, self.changed = self._measures.tolist()
+def row_methods() -> ctypes.CDLL | None:
+    """Return the machine code of active sets and central path, None where nothing can be compiled."""
+    texts = (files("lgmpc.solvers.qp").joinpath(f"{name}.c").read_text("utf-8") for name in ROW_METHODS)
+    return compile_source("lgmpc_active_set", EXACT + "".join(texts))

@@ -1,4 +1,18 @@
-/* Mehrotra's predictor and corrector in the rows of all stages; central_path.py says what is computed. exact.c comes before. */
+/* Mehrotra's predictor and corrector, in the rows of all stages: the part of an interior point method without the
+   minimisation of the cost with penalised rows. penalties.c comes before.
+
+   A row ``lower <= row <= upper`` has a slack ``s = +-(bound - row)`` and a multiplier ``z`` for each of its bounds. The
+   Newton step on ``s z = target`` minimises the cost with the penalties
+
+       sum_bounds  1/2 (z / s) (row - bound)^2 +- (2 z + (target - s z) / s) row,
+
+   which is, row by row, one weight and one target of the Riccati solver. Mehrotra, "On the implementation of a
+   primal-dual interior point method", SIAM J. Optim. 2, 1992. Where both bounds are equal there is no interior: such
+   rows are penalised throughout, with a multiplier that grows (Hestenes' and Powell's).
+
+   The calls of a solve: begin, start, and in each iteration predict, correct, step, with a minimisation after each but
+   start and step, the one after correct with the same weights as before. The path begins as near to its end as the
+   known multipliers are. */
 
 typedef struct {
   double limit, sign, active; /* sign: -1 from below, 1 from above; active: whether the last prediction took the slack */
@@ -9,34 +23,27 @@ typedef struct {
 
 typedef struct {
   const long long* plan; /* stages, rows of each, how far apart the stages' bounds are */
-  const double *numbers, *lower, *upper, *known, *rows; /* numbers: penalty at the start, that of equal bounds */
+  double* numbers; /* penalty at the start, some control weights; that of equal bounds, much larger */
+  const double *lower, *upper, *known, *rows;
   double *weights, *targets, *held;
   Bound* bounds; /* finite ones of rows that have an interior */
   long long* count; /* of these */
   double *point, *multipliers, *measures; /* measures: active bounds that changed, active bounds, length of the step */
-} Frame;
+} Path;
 
 #define FLOOR 0.3 /* least multiplier at first, as a share of the largest */
 #define TO_BOUNDARY 0.995 /* share of the longest step that keeps slacks and multipliers positive */
-
-#define EACH_ROW \
-  for (long long k = 0; k < f->plan[0]; ++k) \
-    for (long long j = 0, i = k * f->plan[1]; j < f->plan[1]; ++j, ++i)
 
 #define LIMITS const double lower = f->lower[k * f->plan[2] + j], upper = f->upper[k * f->plan[2] + j];
 
 #define EACH_BOUND for (Bound *b = f->bounds, *end = b + *f->count; b < end; ++b)
 
-static inline double nearest(double value, double lower, double upper) {
-  return value < lower ? lower : value > upper ? upper : value;
-}
-
-static inline void add(const Frame* f, double limit, double sign, long long row) {
+static inline void add_bound(const Path* f, double limit, double sign, long long row) {
   const Bound bound = {.limit = limit, .sign = sign, .row = row};
   if (isfinite(limit)) f->bounds[(*f->count)++] = bound;
 }
 
-EXPORT void lgmpc_path_begin(const Frame* f) {
+EXPORT void lgmpc_path_begin(const Path* f) {
   *f->count = 0;
   EACH_ROW {
     LIMITS
@@ -44,13 +51,13 @@ EXPORT void lgmpc_path_begin(const Frame* f) {
     f->targets[i] = nearest(0.0, lower, upper);
     f->held[i] = 0.0;
     if (lower != upper) {
-      add(f, lower, -1.0, i);
-      add(f, upper, 1.0, i);
+      add_bound(f, lower, -1.0, i);
+      add_bound(f, upper, 1.0, i);
     }
   }
 }
 
-EXPORT void lgmpc_path_start(const Frame* f) {
+EXPORT void lgmpc_path_start(const Path* f) {
   double worst = 1e-6;
   EACH_BOUND {
     const double outside = b->sign * (f->rows[b->row] - b->limit);
@@ -65,7 +72,7 @@ EXPORT void lgmpc_path_start(const Frame* f) {
 }
 
 /* Write the targets of the Newton step on ``slack force = slack force + change``, with the weights force / slack. */
-static void aim(const Frame* f) {
+static void aim(const Path* f) {
   EACH_ROW f->targets[i] = 0.0;
   EACH_BOUND f->targets[b->row] += (b->force * b->limit - b->sign * b->change) / b->slack - 2.0 * b->sign * b->force;
   EACH_ROW {
@@ -77,7 +84,7 @@ static void aim(const Frame* f) {
   }
 }
 
-EXPORT void lgmpc_path_predict(const Frame* f) {
+EXPORT void lgmpc_path_predict(const Path* f) {
   EACH_ROW {
     LIMITS
     f->weights[i] = lower == upper ? f->numbers[1] : 0.0;
@@ -90,7 +97,7 @@ EXPORT void lgmpc_path_predict(const Frame* f) {
 }
 
 /* Compute the steps; return the longest one, at most 1, that makes no slack and no multiplier negative. */
-static double longest(const Frame* f) {
+static double longest(const Path* f) {
   double most = 1.0; /* reciprocal */
   EACH_BOUND {
     b->slack_step = b->sign * (b->limit - f->rows[b->row]) - b->slack;
@@ -102,7 +109,7 @@ static double longest(const Frame* f) {
   return 1.0 / most;
 }
 
-EXPORT void lgmpc_path_correct(const Frame* f) {
+EXPORT void lgmpc_path_correct(const Path* f) {
   const double length = longest(f);
   double total = 0.0, left = 0.0, active = 0.0, changed = 0.0;
   EACH_BOUND {
@@ -120,7 +127,7 @@ EXPORT void lgmpc_path_correct(const Frame* f) {
   f->measures[1] = active;
 }
 
-EXPORT void lgmpc_path_step(const Frame* f) {
+EXPORT void lgmpc_path_step(const Path* f) {
   const double most = TO_BOUNDARY * longest(f), length = most < 1.0 ? most : 1.0;
   EACH_BOUND {
     b->slack += length * b->slack_step;
@@ -133,7 +140,7 @@ EXPORT void lgmpc_path_step(const Frame* f) {
   f->measures[2] = length;
 }
 
-EXPORT void lgmpc_path_identify(const Frame* f) {
+EXPORT void lgmpc_path_identify(const Path* f) {
   EACH_ROW {
     LIMITS
     f->point[i] = nearest(f->rows[i], lower, upper);

@@ -7,6 +7,8 @@ the cost.
 
 from __future__ import annotations
 
+import ctypes
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -22,7 +24,6 @@ __all__ = ["DenseRiccati"]
 
 _VALUES = 2  # their place in a frame
 _LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
-_REFINEMENTS = 2  # corrections of rounding; each takes a factor of the penalty's condition off
 
 
 class DenseRiccati(RiccatiSolver):
@@ -40,7 +41,7 @@ class DenseRiccati(RiccatiSolver):
         n, nx, nu, ng, w = s.nodes, s.ndx, s.nu, s.ng, s.ndx + s.nu
         library = compile_stages("lgmpc_dense_riccati", "lgmpc.solvers.qp", nx, nu)
         self.available = library is not None
-        self._call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_dense_riccati
+        call: Callable[[Any], int] = _unavailable if library is None else library.lgmpc_dense_riccati
 
         def measure(part: str, *sizes: int) -> int:
             return 0 if library is None else work_size(library, f"lgmpc_dense_riccati_{part}", *sizes)
@@ -48,42 +49,43 @@ class DenseRiccati(RiccatiSolver):
         self._tall = measure("tall")
         self._factors = aligned_zeros(n * measure("factors"))
         places = _places(s, self._tall, measure("high"))
-        self._plan = np.array([n, ng, s.size, len(places), _LOAD], dtype=np.int64)
+        plan = np.array([n, ng, s.size, len(places)], dtype=np.int64)
         self._last, self._last_gradient = np.zeros((nx, nx)), np.zeros(nx)
-        self._gradient, self._gaps, self._residual = np.zeros((n, w)), np.zeros((n, nx)), np.zeros((n, w))
+        self._gradient, self._gaps, self.residual = np.zeros((n, w)), np.zeros((n, nx)), np.zeros((n, w))
 
         own = (
-            self._plan, places, np.zeros(0), aligned_zeros(n * measure("stage", ng)),
+            places, np.zeros(0), aligned_zeros(n * measure("stage", ng)),
             self._factors, aligned_zeros((n + 1) * measure("togo")), np.zeros((n + 1, nx)),
             aligned_zeros(measure("work", ng)), self.weights, self._last,
         )  # fmt: skip
         point = (self.dxs, self.dus, self.costates, self.rows)
-        self._frame = frame_of(
+        minimiser = (
             *own, self._last_gradient, self._gradient, self._gaps, self.dx0, self.targets, *point, self._cost,
-            self.multipliers, self._residual,
+            self.multipliers, self.residual,
         )  # fmt: skip
         # A correction is the same problem with the residual as its gradient, and all that is constant zero.
-        self._correction = tuple(np.zeros_like(array) for array in point)
+        self.correction = tuple(np.zeros_like(array) for array in point)
         zeros = np.zeros(max(nx, n * nx, n * ng))
         unused = np.zeros(1)
-        self._correcting = frame_of(
-            *own, zeros, self._residual, zeros, zeros, zeros, *self._correction, unused, unused, unused
-        )
+        correction = (*own, zeros, self.residual, zeros, zeros, zeros, *self.correction, unused, unused, unused)
+
+        def bound(mode: int, arrays: tuple[Any, ...]) -> Any:
+            return functools.partial(call, ctypes.byref(frame_of(np.array([*plan, mode]), *arrays)))
+
+        self._load = bound(_LOAD, minimiser)
+        self.factoring, self.solving = (bound(_FACTOR, minimiser),), (bound(_SOLVE, minimiser),)
+        self.refining = bound(_MEASURE, minimiser), bound(_SOLVE, correction)
 
     def load(self) -> None:
         """Take over the problem's matrices and vectors."""
         qp, nx = self.qp, self.dx0.size
         values = np.ascontiguousarray(qp.values)
-        self._frame[_VALUES] = values.ctypes.data
+        self._load.args[0]._obj[_VALUES] = values.ctypes.data
         self._gradient[:, :nx], self._gradient[:, nx:] = qp.vector("q"), qp.vector("r")
         self._gaps[...] = qp.vector("b")
         self._last[...] = qp.dense_terminal("Q")
         self._last_gradient[...] = qp.dense_terminal("q")[:, 0]
-        self._run(_LOAD)
-
-    def factor(self) -> bool:
-        """Minimise; False if the Hessian in some stage's controls is not positive definite."""
-        return self._run(_FACTOR) == 0
+        self._load()
 
     def feedback(self) -> Array | None:
         """Return the gains (N, nu, ndx) K of ``du = -K dx + ...``, from the last :meth:`factor`."""
@@ -94,39 +96,6 @@ class DenseRiccati(RiccatiSolver):
         transposed = np.tril(columns[:, :, nx : nx + nu], -1)
         transposed[:, np.arange(nu), np.arange(nu)] = 1.0 / factors[:, nu * self._tall :][:, :nu]
         return np.asarray(np.linalg.solve(transposed, columns[:, :, :nx]), dtype=np.float64)
-
-    def solve(self) -> None:
-        """Minimise for other targets, the weights being those of the last :meth:`factor`."""
-        self._run(_SOLVE)
-
-    def polish(self, tolerance: float) -> int | None:
-        """Correct minimiser and multipliers by their rounding; return how often, None if they are not stationary."""
-        for corrections in range(_REFINEMENTS + 1):
-            if self._stationarity() <= tolerance:
-                return corrections
-            if corrections < _REFINEMENTS:
-                self._refine()
-        return None
-
-    def _stationarity(self) -> float:
-        """Return the largest entry of the Lagrangian's gradient at the minimiser: rounding, which weights magnify."""
-        self._run(_MEASURE)
-        return float(np.abs(self._residual).max(initial=0.0))
-
-    def _refine(self) -> None:
-        """Correct minimiser and multipliers by the last :meth:`_stationarity`, with the last factors."""
-        self._plan[-1] = _SOLVE
-        self._call(self._correcting)
-        dxs, dus, costates, rows = self._correction
-        self.dxs += dxs
-        self.dus += dus
-        self.costates += costates
-        self.rows += rows
-        self.multipliers += self.weights * rows
-
-    def _run(self, mode: int) -> int:
-        self._plan[-1] = mode
-        return self._call(self._frame)
 
 
 def _places(s: OcpQpStructure, tall: int, high: int) -> IntArray:

@@ -2,11 +2,12 @@
 
 typedef struct {
   const long long* plan; /* stages, rows of each, how far apart the stages' bounds are */
-  const double *numbers, *lower, *upper, *known; /* numbers: the least known multiplier that counts, rho */
+  double* numbers; /* the least known multiplier that counts, rho */
+  const double *lower, *upper, *known;
   double *mu, *point, *weights, *targets;
   const double* rows;
   double *multipliers, *measures;
-} Frame;
+} Penalties;
 
 #define EACH_ROW \
   for (long long k = 0; k < f->plan[0]; ++k) \
@@ -19,7 +20,7 @@ static inline double nearest(double value, double lower, double upper) {
   return value >= lower ? (value <= upper ? value : upper) : lower;
 }
 
-EXPORT void lgmpc_resume(const Frame* f) {
+static void resume(const Penalties* f) {
   EACH_ROW {
     BOUNDS
     const double mu = fabs(f->known[i]) > f->numbers[0] ? f->known[i] : 0.0;
@@ -28,7 +29,7 @@ EXPORT void lgmpc_resume(const Frame* f) {
   }
 }
 
-EXPORT void lgmpc_penalise(const Frame* f) {
+static void penalise(const Penalties* f) {
   const double rho = f->numbers[1];
   EACH_ROW {
     BOUNDS
@@ -38,7 +39,7 @@ EXPORT void lgmpc_penalise(const Frame* f) {
   }
 }
 
-EXPORT void lgmpc_measure(const Frame* f) {
+static void measure(const Penalties* f) {
   const double rho = f->numbers[1];
   double difference = 0, residual = 0, changed = 0;
   EACH_ROW {

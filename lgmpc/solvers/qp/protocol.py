@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import math
+from abc import ABC
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -131,10 +133,19 @@ class RiccatiSolver(ABC):
         costates: (N, ndx) multipliers of the dynamics, signed as in :func:`~lgmpc.ocp.kkt_residual`.
         rows: (N, ng) their values.
         multipliers: (N, ng) with which the minimiser is stationary, the penalties' slopes; written by the caller.
+        factoring: the calls of machine code that :meth:`factor` makes.
+        solving: those of :meth:`solve`.
+        refining: the call that measures :attr:`residual`, and that which computes a :attr:`correction` from it with the
+            last factors; none where penalties are moderate.
+        residual: of the minimiser's stationarity: rounding, which weights magnify.
+        correction: of states, controls, costates and rows.
     """
 
     available: bool
     penalty: float
+    factoring: tuple[Callable[[], int], ...] = ()
+    solving: tuple[Callable[[], int], ...] = ()
+    refining: tuple[Callable[[], int], ...] = ()
 
     def __init__(self, qp: OcpQp) -> None:
         s = qp.structure
@@ -148,6 +159,8 @@ class RiccatiSolver(ABC):
         self.rows: Array = np.zeros((s.nodes, s.ng))
         self.multipliers: Array = np.zeros((s.nodes, s.ng))
         self._cost = np.zeros(1)
+        self.residual: Array = np.zeros(0)
+        self.correction: tuple[Array, ...] = (self.residual,) * 4
 
     @property
     def cost(self) -> float:
@@ -157,22 +170,15 @@ class RiccatiSolver(ABC):
     def load(self) -> None:  # noqa: B027 - not all have something to do
         """Take over the problem's matrices and vectors; nothing where they are read in their place."""
 
-    @abstractmethod
     def factor(self) -> bool:
         """Minimise; False if the Hessian in some stage's controls is not positive definite."""
+        return not any([call() for call in self.factoring]) and math.isfinite(self.cost)
 
     def feedback(self) -> Array | None:
         """Return the gains (N, nu, ndx) K of ``du = -K dx + ...`` of the last :meth:`factor`; None if not kept."""
         return None
 
-    @abstractmethod
     def solve(self) -> None:
         """Minimise for other targets, the weights being those of the last :meth:`factor`."""
-
-    def polish(self, tolerance: float) -> int | None:
-        """Correct minimiser and :attr:`multipliers` by their rounding; nothing where penalties are moderate.
-
-        Returns:
-            The number of corrections; None if the result is not stationary.
-        """
-        return 0
+        for call in self.solving:
+            call()

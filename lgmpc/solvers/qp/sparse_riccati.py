@@ -11,7 +11,6 @@ symmetric matrices are computed once.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import casadi as ca
@@ -45,32 +44,22 @@ class SparseRiccati(RiccatiSolver):
         costs = np.zeros((n + 2, 1))  # of the intervals before each node, and of all
         self._cost = costs[n + 1]
         given = {"values": qp.values[::-1], "weights": self.weights[::-1], "targets": self.targets[::-1]}
-        self._factor = (
+        factor = (
             last.bind(1, terminal_values=qp.terminal_values, togo=togo[n]),
             backward.bind(n, **given, togo_next=togo[:0:-1], togo=togo[-2::-1], factor=factors[::-1]),
         )
-        self._revise = revise.bind(
+        revising = revise.bind(
             n, **given, togo_next=togo[:0:-1], factor=factors[::-1], gradient=togo[-2::-1, -s.ndx :],
             y=factors[::-1, -s.nu :],
         )  # fmt: skip
-        self._roll_out = (
+        roll_out = (
             forward.bind(
                 n, dx=self.dxs, values=qp.values, factor=factors, togo_next=togo[1:], cost=costs, dx_next=self.dxs[1:],
                 du=self.dus, costate=self.costates, rows=self.rows, cost_next=costs[1:],
             ),
             total.bind(1, terminal_values=qp.terminal_values, dx=self.dxs[n], cost=costs[n], total=self._cost),
         )  # fmt: skip
-
-    def factor(self) -> bool:
-        """Minimise; False if the Hessian in some stage's controls is not positive definite."""
-        for call in (*self._factor, *self._roll_out):
-            call()
-        return math.isfinite(self._cost[0])
-
-    def solve(self) -> None:
-        """Minimise for other targets, the weights being those of the last :meth:`factor`."""
-        for call in (self._revise, *self._roll_out):
-            call()
+        self.factoring, self.solving = (*factor, *roll_out), (revising, *roll_out)
 
 
 def _compile(s: OcpQpStructure) -> tuple[StageKernel, ...]:

@@ -231,7 +231,9 @@ class ClosedLoopSession:
         if self.rates.substeps == 1 and whole:  # every step of the plant is in the log
             edges = window_edges(finite)
             balances = Balances(edges, *momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges]))
-        return certify(finite, joint_limits(robot, self.simulated.actuators), balances)
+        soft = self.world.soft
+        stiffness = math.inf if soft is None else soft.stiffness_n_m
+        return certify(finite, joint_limits(robot, self.simulated.actuators), balances, stiffness)
 
 
 class RunObserver:

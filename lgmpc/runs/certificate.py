@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -21,7 +22,7 @@ _FORCE_SHARE, _ENERGY_SHARE = 0.02, 0.01
 """Allowed residuals: share of the weight, and of the weight times the largest height of the base. The integration error
 is 0.2 % of the weight in a trot and 1.2 % in fast recovery steps with a step of 1 ms, half of that with 0.5 ms."""
 _SUNK_M = 0.005
-"""Allowed penetration of soft ground by a foot, m."""
+"""Allowed penetration of hard ground by a foot, m."""
 _LYING = (*LOW_MODES, "damp")
 """Modes in which the body may lie on the ground; the contact force on the body is not measured."""
 
@@ -74,7 +75,9 @@ def window_edges(log: RunLog) -> IntArray:
     return np.arange(0, log.ticks, max(1, round(WINDOW_S / log.control_period_s)))
 
 
-def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) -> Certificate:
+def certify(
+    log: RunLog, joints: JointLimits, balances: Balances | None = None, stiffness: float = math.inf
+) -> Certificate:
     """Check a run, up to its first fall.
 
     Normal forces are positive, contact forces in their friction cones, penetrations of the ground small; joints stay
@@ -89,6 +92,7 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
         joints: limits of the joints.
         balances: momentum and energy; without them these are not checked. They require a log of every force: one plant
             step per tick.
+        stiffness: of soft ground, N/m, in which feet sink by their force over it.
     """
     if log.floating_base:
         fallen = fallen_ticks(log)
@@ -96,11 +100,13 @@ def certify(log: RunLog, joints: JointLimits, balances: Balances | None = None) 
             log = log.until(int(np.argmax(fallen)))
     if log.ticks < 2:
         return Certificate(())
-    checks = (quantity.smallest(time) for quantity, time in _quantities(log, joints, balances))
+    checks = (quantity.smallest(time) for quantity, time in _quantities(log, joints, balances, stiffness))
     return Certificate(tuple(each for each in checks if each is not None))
 
 
-def _quantities(log: RunLog, joints: JointLimits, balances: Balances | None) -> Iterator[tuple[Limited, Array]]:
+def _quantities(
+    log: RunLog, joints: JointLimits, balances: Balances | None, stiffness: float
+) -> Iterator[tuple[Limited, Array]]:
     """Yield the checked quantities and the times of their values."""
     feet = tuple(log.contact_frames.tolist())
     if feet:
@@ -109,7 +115,8 @@ def _quantities(log: RunLog, joints: JointLimits, balances: Balances | None) -> 
         yield Limited("normal force", "N", feet, normal, np.zeros(()), normal, weight), log.time
         margin = np.where(normal <= CONTACT_FORCE_N, np.nan, limit - tangential)
         yield Limited("friction", "N", feet, tangential, limit, margin, limit), log.time
-        yield highest("floor penetration", "mm", feet, -1e3 * log.contact_clearance, 1e3 * _SUNK_M), log.time
+        sunk = _SUNK_M + float(normal.max(initial=0.0)) / stiffness
+        yield highest("floor penetration", "mm", feet, -1e3 * log.contact_clearance, 1e3 * sunk), log.time
     for each in hardware_quantities(log, joints):
         yield each, log.time
     if joints.line is not None and log.joint_names.size:

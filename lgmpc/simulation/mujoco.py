@@ -22,7 +22,7 @@ from lgmpc.robot import Box, CollisionShape, Sphere
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
-from lgmpc.world import HeightField, Plane, World
+from lgmpc.world import HeightField, Plane, Softness, World
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -31,6 +31,7 @@ __all__ = ["MujocoPlant"]
 
 _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
+_HARD = 1.0 / 0.95 - 1.0  # regularizer of a contact of impedance 0.95, in inverse inertias
 _GROUND, _ROBOT = 1, 2  # contact type bits: the robot has contacts with the ground, not with itself
 _UP = np.array([0.0, 0.0, 1.0])
 _POINT = 1e-6  # m; radius that stands for a point foot
@@ -236,6 +237,8 @@ def _compile(robot: Robot, model: pin.Model, params: PlantSettings, world: World
     except ValueError as error:
         raise ModelError(robot.name, [f"MuJoCo refuses it: {' '.join(str(error).split())}"]) from error
     compiled.dof_damping[compiled.nv - robot.nu :] = params.joint_damping_nms
+    if world.soft is not None:
+        _soften(compiled, world.soft)
     return compiled
 
 
@@ -295,7 +298,6 @@ def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
             "conaffinity": _ROBOT,
             "priority": 1,
             "friction": (surface.coefficient, 0.005, 0.0001),
-            "solref": (world.contact_time_s, 1.0),
         }
         if isinstance(surface, Plane):
             turn = _wxyz(pin.Quaternion.FromTwoVectors(_UP, np.array(surface.normal_vector)).matrix())
@@ -312,6 +314,25 @@ def _add_ground(spec: mujoco.MjSpec, world: World) -> None:
                 quat=_wxyz(surface.rotation),
                 **common,
             )
+
+
+def _soften(model: mujoco.MjModel, soft: Softness) -> None:
+    """Make the ground give way under feet; under other parts of the robot it is the stiffer the heavier they are.
+
+    A contact's force is ``f = (a_ref - a) / R`` with ``a_ref = -b v - k r`` at the beginning of a step. The regularizer
+    R for which ``1 / R = C dt + K dt^2`` makes it the spring and the damper, K and C, at the step's end, without a mass
+    of the ground. MuJoCo scales R by the inverse inertia of the foot, and has impedance d for ``R / (R + inverse)``.
+    """
+    feet = np.unique(model.geom_bodyid[np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)])
+    inverse, dt = float(model.body_invweight0[feet, 0].mean()), model.opt.timestep
+    regularizer = 1.0 / (dt * (soft.damping_ns_m + soft.stiffness_n_m * dt))
+    impedance = inverse / (inverse + regularizer)
+    ground = model.geom_contype == _GROUND
+    stiffness = soft.stiffness_n_m * regularizer
+    damping = (soft.damping_ns_m + soft.stiffness_n_m * dt) * regularizer
+    model.geom_solref[ground] = -impedance * np.array([stiffness, damping])
+    model.geom_solimp[ground, :2] = impedance
+    model.opt.impratio *= max(regularizer / (_HARD * inverse), 1.0)  # friction as on hard ground
 
 
 def _add_heights(spec: mujoco.MjSpec, field: HeightField, common: Mapping[str, Any]) -> None:

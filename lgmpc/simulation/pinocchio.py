@@ -1,4 +1,4 @@
-"""The robot in a time-stepping simulation of rigid contact on Pinocchio's own frictional contact solver.
+"""The robot in a time-stepping simulation of contact on Pinocchio's own frictional contact solver.
 
 One step finds the velocity at its end and the contact impulses together (Signorini's and Coulomb's laws on velocities,
 [1], [2]), then moves the configuration along its Lie group with that velocity (semi-implicit Euler):
@@ -9,7 +9,9 @@ One step finds the velocity at its end and the contact impulses together (Signor
 and a contact that slides resists with all its friction, opposite to u_t. Impulses and velocities of a contact are those
 along its own axes, two tangents and the normal n of the surface there, at the point ``p - r n`` of a sphere of radius
 r. ``phi`` is its distance from the surface over dt for a foot that may still descend, and a bounded fraction of that
-for one that has sunk in. Joint damping enters M (it is implicit); joint
+for one that has sunk in. Soft ground, a spring K with a damper C, gives way by the velocity
+``lambda_n / (dt (C + K dt))`` besides, and ``phi`` is ``K / (C + K dt)`` times the distance of a foot in it: the force
+is theirs at the end of the step. Joint damping enters M (it is implicit); joint
 friction enters the solver as bounded impulses on the joints.
 
 [1] D. E. Stewart and J. C. Trinkle, "An implicit time-stepping scheme for rigid body dynamics with inelastic collisions
@@ -24,12 +26,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import InputError
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
 from lgmpc.world import World
-from lgmpc.world.world import RIGID_S
 
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
@@ -55,19 +55,15 @@ class PinocchioPlant:
         robot: the robot; its ``effort_limit`` clips the torques.
         params: parameters of the engine and of the simulated robot.
         world: its surfaces; a level floor with the friction of ``params`` unless given.
-
-    Raises:
-        InputError: the world's ground is soft.
     """
 
     def __init__(self, robot: Robot, params: PlantSettings | None = None, world: World | None = None) -> None:
         params = PlantSettings() if params is None else params
         self._robot = robot
         self._world = default_world(params) if world is None else world
-        if self._world.contact_time_s != RIGID_S:
-            expected = f"{RIGID_S:g}, rigid contacts, with plant.kind: pinocchio"
-            raise InputError("world.contact_time_s", self._world.contact_time_s, expected)
         self._dt = params.dt
+        self._soft = soft = self._world.soft
+        self._resistance = np.inf if soft is None else self._dt * (soft.damping_ns_m + soft.stiffness_n_m * self._dt)
         self._joints = robot.joint_v
         self._effort = real_effort_limit(robot, params)
         self._damping = params.joint_damping_nms
@@ -148,9 +144,11 @@ class PinocchioPlant:
         if near.size or self._friction:
             jacobian = self._jacobian(near, frames)
             response = minverse @ jacobian.T
-            drift = jacobian @ free
-            drift[2 : 3 * len(near) : 3] += [gap / dt if gap > 0 else max(_RECOVERY * gap / dt, -_RISE) for gap in gaps]
-            self._v = free + response @ self._solver.solve(near, friction, jacobian @ response, drift)
+            drift, delassus = jacobian @ free, jacobian @ response
+            normal = np.arange(2, 3 * len(near), 3)
+            drift[normal] += [gap / dt if gap > 0.0 else self._recovery(gap) for gap in gaps]
+            delassus[normal, normal] += 1.0 / self._resistance
+            self._v = free + response @ self._solver.solve(near, friction, delassus, drift)
             np.add.at(forces, near, np.matmul(self._solver.contact_impulses[:, None], frames.axes)[:, 0] / dt)
         else:
             self._solver.clear()
@@ -191,6 +189,12 @@ class PinocchioPlant:
         arm = self._data.oMi[joint].rotation @ self._model.inertias[joint].lever
         force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
         return force
+
+    def _recovery(self, gap: float) -> float:
+        """Return the velocity at which a contact below the ground, at ``gap`` < 0, m, would have no force, m/s."""
+        if self._soft is None:
+            return max(_RECOVERY * gap / self._dt, -_RISE)
+        return self._soft.stiffness_n_m * gap / (self._soft.damping_ns_m + self._soft.stiffness_n_m * self._dt)
 
     def _near_ground(self) -> tuple[IntArray, list[float], _ContactFrames, Array]:
         """Return the contacts that may close in this step: their points, distances, frames and friction."""

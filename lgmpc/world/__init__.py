@@ -8,7 +8,7 @@ from lgmpc.world.boxes import Box
 from lgmpc.world.heights import HeightField
 from lgmpc.world.kinds import Blocks, Gaps, Heights, Hills, Patches, Ramp, Stairs, Stones
 from lgmpc.world.settings import Course, FloorSettings, SlopeSettings, WorldSettings, make_world
-from lgmpc.world.surfaces import Plane, Surface, SurfaceContacts
+from lgmpc.world.surfaces import Plane, Softness, Surface, SurfaceContacts
 from lgmpc.world.terrain import Terrain
 from lgmpc.world.world import World
 
@@ -25,6 +25,7 @@ __all__ = [
     "Plane",
     "Ramp",
     "SlopeSettings",
+    "Softness",
     "Stairs",
     "Stones",
     "Surface",

@@ -20,7 +20,7 @@ from lgmpc.settings import Count, Finite, Fraction, Friction, Positive, Settings
 from lgmpc.typing import Array
 from lgmpc.world.heights import HeightField, read_heights
 from lgmpc.world.layout import Layout, incline
-from lgmpc.world.world import RIGID_S
+from lgmpc.world.surfaces import Softness
 
 __all__ = [
     "MOST_BOXES",
@@ -62,10 +62,8 @@ class Ground(Settings):
     height_m: Place = Field(default=0.0, description="Height of the ground at the world's origin, m.")
     start_m: Vector2 = Field(default=(0.0, 0.0), description="Where the robot starts, [x, y], m.")
     start_yaw_deg: Finite = Field(default=0.0, description="Heading of the robot at the start, degrees.")
-    contact_time_s: Annotated[Positive, Field(ge=0.002, le=1.0)] = Field(
-        default=RIGID_S,
-        description="Time constant of contacts with the ground in MuJoCo, s; larger is softer. plant.kind: pinocchio"
-        " has rigid contacts only.",
+    soft: Softness | None = Field(
+        default=None, description="Ground that gives way, the same in both plants; null: hard ground."
     )
 
 

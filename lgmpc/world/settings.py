@@ -162,19 +162,19 @@ def make_world(settings: AnyWorld, friction: float, seed: int = 0) -> World:
     start, yaw = settings.start_m, math.radians(settings.start_yaw_deg)
     if isinstance(settings, FloorSettings):
         plane = Plane((0.0, 0.0, settings.height_m), coefficient=friction)
-        return World((plane,), start, yaw, settings.contact_time_s)
+        return World((plane,), start, yaw, settings.soft)
     if isinstance(settings, SlopeSettings):
         tilt, uphill = math.radians(settings.angle_deg), math.radians(settings.uphill_deg)
         normal = (-math.sin(tilt) * math.cos(uphill), -math.sin(tilt) * math.sin(uphill), math.cos(tilt))
         plane = Plane((0.0, 0.0, settings.height_m), normal, friction)
-        return World((plane,), start, yaw, settings.contact_time_s)
+        return World((plane,), start, yaw, settings.soft)
     rng = np.random.default_rng((seed if settings.seed is None else settings.seed, _STREAM))
     layout = Layout(settings.ahead_m, settings.height_m, settings.width_m, friction, rng)
     parts: tuple[Part, ...] = settings.parts if isinstance(settings, Course) else (settings,)
     for i, part in enumerate(parts):
         layout.section = f"world.parts.{i}" if isinstance(settings, Course) else "world"
         part.lay(layout, friction if part.friction is None else part.friction)
-    return World(layout.surfaces(), start, yaw, settings.contact_time_s, layout.largest_step)
+    return World(layout.surfaces(), start, yaw, settings.soft, layout.largest_step)
 
 
 _STREAM = 4

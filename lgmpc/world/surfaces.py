@@ -4,17 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
+from pydantic import Field
 
 from lgmpc.errors import InputError
+from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["Plane", "SurfaceContacts", "Surface"]
+__all__ = ["Plane", "Softness", "SurfaceContacts", "Surface"]
 
 _STEEPEST = 0.1
 """Least vertical component of a plane's normal: 84 degrees."""
+
+
+class Softness(Settings):
+    """Ground that gives way under a contact point as a spring with a damper beside it."""
+
+    stiffness_n_m: Annotated[Positive, Field(ge=100.0, le=1e6)] = Field(
+        default=2000.0, description="Force of one contact point, N, by its depth, m."
+    )
+    damping_ns_m: Annotated[NonNegative, Field(le=1e4)] = Field(
+        default=30.0, description="Force of one contact point, N, by the speed at which it sinks in or comes out, m/s."
+    )
 
 
 class SurfaceContacts(NamedTuple):

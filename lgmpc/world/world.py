@@ -14,14 +14,12 @@ from lgmpc.errors import InputError
 from lgmpc.typing import Array, BoolArray, IntArray
 from lgmpc.world.boxes import REACH, Box, Boxes
 from lgmpc.world.heights import HeightField
-from lgmpc.world.surfaces import Plane, Surface, SurfaceContacts
+from lgmpc.world.surfaces import Plane, Softness, Surface, SurfaceContacts
 
-__all__ = ["RIGID_S", "World"]
+__all__ = ["World"]
 
 T = TypeVar("T", bound=np.generic)
 
-RIGID_S = 0.005
-"""Time constant of MuJoCo's contacts with hard ground, s."""
 _UNEVEN = 0.2
 """Deviation from a plane, as a fraction of the foot's radius, up to which ground is flat enough to step on."""
 _LEAST_UPWARD = 0.7
@@ -43,7 +41,7 @@ class World:
         surfaces: at least one.
         start: (x, y) where the robot starts, m.
         start_yaw: its heading there, rad.
-        contact_time_s: time constant of contacts with the ground in MuJoCo, s: larger is softer.
+        soft: how it gives way, or None for hard ground.
         largest_step: height of the largest step that a robot has to climb or descend, m, and the key that sets it.
 
     Raises:
@@ -53,7 +51,7 @@ class World:
     surfaces: tuple[Plane | Box | HeightField, ...] = (Plane(),)
     start: tuple[float, float] = (0.0, 0.0)
     start_yaw: float = 0.0
-    contact_time_s: float = RIGID_S
+    soft: Softness | None = None
     largest_step: tuple[float, str] = (0.0, "")
 
     def __post_init__(self) -> None:

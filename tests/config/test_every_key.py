@@ -695,7 +695,7 @@ def test_every_key_of_a_problem_is_built_into_something(
 ) -> None:
     config = load_solve_config(name, overrides)
     # How soft contacts are is the plant's matter: those of plans are rigid.
-    keys = [key for key in leaves(config) if key.startswith(sections) and key != "problem.world.contact_time_s"]
+    keys = [key for key in leaves(config) if key.startswith(sections) and "world.soft" not in key]
     left = without_effect(config, keys, print_of_problem)
     assert left == [], ", ".join(left)
 

@@ -194,11 +194,6 @@ def test_a_start_elsewhere_on_flat_ground_is_accepted(solo12: Robot) -> None:
     np.testing.assert_allclose(state[:3], level[:3] + [2.6, 0.0, 0.25], atol=1e-12)
 
 
-def test_pinocchios_ground_is_rigid(block) -> None:
-    with pytest.raises(InputError, match=r"world.contact_time_s: got 0.05; expected 0.005, rigid .* plant.kind: pinoc"):
-        PinocchioPlant(block, world=named({"kind": "floor", "contact_time_s": 0.05}))
-
-
 INCLINE = math.radians(30.0)
 RISING = 0.1 * math.tan(INCLINE) * np.arange(-20, 21)
 SAME_PLANE = {
@@ -258,15 +253,25 @@ def test_a_robot_dropped_on_rough_ground_comes_to_rest_alike(solo12, hold, world
     np.testing.assert_allclose(samples[0].q[:3], samples[1].q[:3], rtol=0, atol=4e-3)
 
 
-def test_soft_ground_gives_way(block) -> None:
-    """MuJoCo: the block sinks deeper the larger the time constant is."""
-    depths = []
-    for constant in (0.005, 0.05, 0.1):
-        plant = MujocoPlant(block, PlantSettings(), named({"kind": "floor", "contact_time_s": constant}))
-        for _ in range(1500):
-            plant.step(np.zeros(0))
-        depths.append(block.q_reference[2] - plant.sense().q[2])
-    assert depths[0] < 1e-4 < depths[1] < depths[2]
+def test_soft_ground_is_a_spring_with_a_damper_in_both_plants(solo12, hold) -> None:
+    """A robot on its feet sinks in by its weight over the stiffness, on the same way down in both plants."""
+    soft = {"stiffness_n_m": 3000.0, "damping_ns_m": 20.0}
+    world, paths, data = named({"kind": "floor", "soft": soft}), [], solo12.create_data()
+    for plant_type in (MujocoPlant, PinocchioPlant):
+        plant = plant_type(solo12, PlantSettings(), world)
+        plant.reset(initial_state(solo12, PlantSettings(), world))
+        paths.append([])
+        for _ in range(60):
+            hold(plant, solo12, 5)
+            paths[-1].append(plant.sense().q[2])
+        hold(plant, solo12, 1200)
+        sample = plant.sense()
+        pin.framesForwardKinematics(solo12.model, data, sample.q)
+        depths = solo12.contact_radius - np.array([data.oMf[i].translation[2] for i in solo12.contact_ids])
+        np.testing.assert_allclose(depths, sample.contact_forces[:, 2] / soft["stiffness_n_m"], rtol=1e-3)
+        np.testing.assert_allclose(depths.sum(), solo12.mass * GRAVITY / soft["stiffness_n_m"], rtol=1e-3)
+    assert np.ptp(paths[0]) > 2e-3
+    np.testing.assert_allclose(paths[0], paths[1], rtol=0, atol=5e-5)
 
 
 def test_a_plant_resumed_on_a_slope_continues(plant_type, solo12, hold) -> None:

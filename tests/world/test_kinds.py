@@ -105,7 +105,7 @@ def test_a_given_size_overrides_that_of_the_name() -> None:
 OTHER: dict[str, Any] = {
     "kind": None, "seed": 5, "friction": 0.3, "share": 0.9, "patch_friction": 0.2, "back": True, "count": 1, "steps": 2,
     "start_m": (0.1, 0.2), "start_yaw_deg": 9.0, "heights_m": ((0.0, 0.1), (0.3, 0.2)), "shift_m": 0.03, "file": None,
-    "white_m": None, "length_m": 0.9, "width_m": 1.3, "uphill_deg": 30.0,
+    "white_m": None, "length_m": 0.9, "width_m": 1.3, "uphill_deg": 30.0, "soft": {"stiffness_n_m": 900.0},
 }  # fmt: skip
 """Values of keys that are no size; those of files are tested with files."""
 

@@ -215,6 +215,26 @@ def _step_with_contact_drift(plant: MujocoPlant, tau: Array) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_trot_begins_on_ice_that_nobody_knows_of(plant: str) -> None:
+    """Friction 0.15 in place of 0.6, at the default acceleration: before, MuJoCo's fell in its second step."""
+    command = "commands=[{at_s: 0.5, velocity_m_s: [0.5, 0.0, 0.0], gait: trot}]"
+    _, metrics, _ = walked(session_of(command, "duration_s=2.5", "plant.friction=0.15", f"plant.kind={plant}"))
+    assert metrics.falls == 0 and metrics.max_tilt_deg < 8.0  # measured 2.5 and 2.3
+    assert metrics.max_slip_m > 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", PLANTS)
+def test_a_step_of_the_command_without_limits_is_limited_by_friction(plant: str) -> None:
+    command = "commands=[{at_s: 0.5, velocity_m_s: [1.5, 0.0, 0.0], gait: trot}]"
+    limits = "locomotion.limits.acceleration_m_s2=1000.0"
+    log, metrics, _ = walked(session_of(command, limits, "duration_s=2.0", f"plant.kind={plant}"))
+    assert metrics.falls == 0 and metrics.max_tilt_deg < 11.0  # measured 5.6 and 5.4
+    assert np.max(np.diff(log.command[:, 0]) / np.diff(log.time)) < 3.0  # half of what friction allows, 2.94 m/s2
+
+
+@pytest.mark.slow
 def test_sliding_feet_do_not_draw_the_estimate_along() -> None:
     """On a floor of a third of the assumed friction; the drift and the sliding are the first steps'."""
     drift = {}

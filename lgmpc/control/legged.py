@@ -376,7 +376,7 @@ class LeggedController:
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
         feet.write_contacts(time, self._tasks.swing)
         wbc.contacts.friction[...] = self.floor.update(
-            terms.contact_velocities, feet.settled, wbc.forces, terms.normals
+            terms.contact_velocities, feet.settled, wbc.forces, terms.normals, feet.points.spread(feet.stance)
         )
         wbc.use_stepping_weights(feet.stepping)
         wbc.move_hands(time, self._elapsed)

@@ -19,6 +19,8 @@ _LEAST_SHARE = 0.5
 _SMOOTHING = 0.002
 """Time constant, s, of the contact points' velocities: noise must not look like a slide."""
 
+_FAST = 0.5
+"""Speed, m/s, beyond which the slide of feet that have just landed is evidence too."""
 _SINKING = 0.2
 """Square of the least ratio of speeds along the normal and along the surface of a foot that rolls off an edge."""
 
@@ -31,8 +33,9 @@ class FrictionMonitor:
     surface faster than ``sliding_speed`` (smoothed over 2 ms), and ever faster, has been given a force outside the
     floor's cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than
     by half, because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A
-    foot that slows down proves nothing. While none slides, the coefficient rises towards ``nominal`` with
-    ``rise_time``.
+    foot that slows down proves nothing. Feet that have just landed, or that bounce, count from 0.5 m/s on, and only
+    together: on ice they fly from under a trotting robot within 30 ms, one alone may have met an edge. While none
+    slides, the coefficient rises towards ``nominal`` with ``rise_time``.
 
     Args:
         nominal: coefficient while no foot slides.
@@ -100,14 +103,22 @@ class FrictionMonitor:
         self._allocate(len(smoothed))
         self._smoothed[...] = smoothed
 
-    def update(self, contact_velocities: Array, stance: Sequence[bool], forces: Array, normals: Array) -> float:
+    def update(
+        self,
+        contact_velocities: Array,
+        settled: Sequence[bool],
+        forces: Array,
+        normals: Array,
+        stance: Sequence[bool] | None = None,
+    ) -> float:
         """Return the new coefficient.
 
         Args:
             contact_velocities: (nc, 3) of the contact points, world axes, m/s.
-            stance: (nc,) feet whose sliding is evidence.
+            settled: (nc,) feet that have carried for a while.
             forces: (nc, 3) commanded since the last update, world axes, N.
             normals: (nc, 3) unit normals of the surfaces under the feet, world axes.
+            stance: (nc,) feet that carry; those that are settled unless given.
         """
         before = self._before
         if not before or not math.isfinite(sum(before)):
@@ -121,7 +132,10 @@ class FrictionMonitor:
         least = self._sliding_speed_squared
         if self.coefficient == self._nominal and max(speeds) <= least:
             return self.coefficient
-        sliding = [foot for foot, speed in enumerate(speeds) if speed > least and stance[foot]]
+        sliding = [foot for foot, speed in enumerate(speeds) if speed > least and settled[foot]]
+        if stance is not None and max(speeds) > _FAST**2:
+            landed = [i for i, speed in enumerate(speeds) if speed > _FAST**2 and stance[i] and not settled[i]]
+            sliding += landed if len(landed) > 1 else []
         faster = [foot for foot in sliding if not before or speeds[foot] >= before[foot]]
         if faster:
             slopes = [_slope(*pair) for pair in zip(forces[faster].tolist(), normals[faster].tolist(), strict=True)]

@@ -285,10 +285,10 @@ class CommandLimiter:
         if speed > most.speed_m_s:
             vx, vy = vx * most.speed_m_s / speed, vy * most.speed_m_s / speed
         dx, dy = vx - now.vx, vy - now.vy
-        change, step = math.hypot(dx, dy), min(most.acceleration_m_s2, acceleration) * dt
+        change, rate = math.hypot(dx, dy), min(most.acceleration_m_s2, acceleration)
+        step = rate * dt
         if change > step:
             vx, vy = now.vx + dx * step / change, now.vy + dy * step / change
-            rate = most.acceleration_m_s2
             self.ramp = Ramp(dx * rate / change, dy * rate / change, (change - step) / rate)
         rate = max(-most.yaw_rate_rad_s, min(most.yaw_rate_rad_s, command.yaw_rate))
         self.command = MotionCommand(

@@ -118,6 +118,22 @@ def test_velocities_that_are_not_finite_change_nothing(tilt: np.ndarray) -> None
     assert update(monitor, tilt, np.full((4, 3), np.nan), FORCES) == 0.6
 
 
+@pytest.mark.parametrize(("feet", "speed", "learned"), [((0, 3), 0.6, 0.4), ((0, 3), 0.4, 0.6), ((0,), 0.6, 0.6)])
+def test_feet_that_have_just_landed_are_evidence_together_and_when_fast(
+    tilt: np.ndarray, feet: tuple[int, ...], speed: float, learned: float
+) -> None:
+    monitor, forces, normals = FrictionMonitor(0.6, 1e-3, fall_time=1e6), FORCES.copy(), np.tile(tilt[:, 2], (4, 1))
+    forces[list(feet)] = [3.0, -4.0, 12.5]
+    for size in (0.0, 3.0 * speed):  # smoothed: 39 % of it
+        moving = sum(velocities(foot, size) for foot in feet)
+        monitor.update(moving @ tilt.T, [False] * 4, forces @ tilt.T, normals, [True, False, False, True])
+    assert monitor.coefficient == pytest.approx(learned)
+    monitor.reset()
+    for _ in range(2):
+        monitor.update(moving @ tilt.T, [False] * 4, forces @ tilt.T, normals, [False, True, True, False])
+    assert monitor.coefficient == 0.6  # in the air
+
+
 @pytest.mark.parametrize("argument", ["nominal", "period", "sliding_speed", "fall_time", "rise_time", "least"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
 def test_impossible_arguments_are_refused(argument: str, value: float) -> None:

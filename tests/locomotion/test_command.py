@@ -138,6 +138,7 @@ def test_a_floor_that_allows_less_acceleration_slows_the_change_of_velocity() ->
     for _ in range(100):
         command = limiter.step(MotionCommand(vx=0.4, gait="trot"), 1e-3, 0.5)
     assert command.vx == pytest.approx(0.05)
+    assert (limiter.ramp.ax, limiter.ramp.duration) == pytest.approx((0.5, 0.7))  # as the MPC expects it
     for _ in range(100):
         command = limiter.step(MotionCommand(vx=0.4, gait="trot"), 1e-3, 2.0)
     assert command.vx == pytest.approx(0.15)

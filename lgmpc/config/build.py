@@ -20,7 +20,8 @@ from lgmpc.control.legged import LeggedController
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import StandReference
 from lgmpc.errors import InputError
-from lgmpc.estimation import FrictionMonitor, JointFrictionEstimator, LeggedEstimator
+from lgmpc.estimation import FrictionMonitor, JointFaultMonitor, JointFrictionEstimator, LeggedEstimator
+from lgmpc.estimation.joint_faults import legs_of_three
 from lgmpc.locomotion.command import CommandTimeline
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import Mpc, make_mpc
@@ -57,10 +58,11 @@ def build_sensors(config: Config, robot: Robot) -> Sensors:
     return Sensors(robot, config.sensors, 1.0 / config.wbc.rate_hz, np.random.default_rng(config.seed))
 
 
-def build_drives(config: Config, plant: Plant) -> Drives:
+def build_drives(config: Config, robot: Robot, plant: Plant) -> Drives:
     """Return the simulated drives of section ``plant``, their jitter and losses seeded by ``seed``."""
     rng = np.random.default_rng((config.seed, _DRIVES))
-    return Drives(config.plant.link, config.plant.actuators, plant.dt, rng)
+    limits = dict(zip(robot.joint_names, real_effort_limit(robot, config.plant).tolist(), strict=True))
+    return Drives(config.plant.link, config.plant.actuators, plant.dt, rng, limits)
 
 
 def build_estimator(
@@ -119,6 +121,7 @@ def build_controller(
         modes=config.modes,
         delays=config.delays,
         joint_friction=_build_joint_friction(config, robot),
+        joint_faults=_build_joint_faults(config, robot),
         drives=config.drives,
         maneuvers=build_maneuvers(config, robot, notify),
         period=period,
@@ -157,6 +160,12 @@ def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimato
     return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, config.delays.total_s)
 
 
+def _build_joint_faults(config: Config, robot: Robot) -> JointFaultMonitor | None:
+    if config.joint_faults is None or legs_of_three(robot) is None:
+        return None
+    return JointFaultMonitor(robot, 1.0 / config.wbc.rate_hz, config.joint_faults, config.delays.total_s)
+
+
 def build_recorder(
     config: Config,
     robot: Robot,
@@ -185,6 +194,7 @@ def build_recorder(
         "estimate": estimated,
         "fault": not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
         "friction": config.joint_friction is not None,
+        "motor": any(part.plant.actuators.faults for _, part in config.parts()),
         "forecast": config.locomotion.reaction.enabled,
         "hand": bool(config.wbc.hands),
     }
@@ -296,4 +306,4 @@ def _build_hardware(
         return Spent(time, report.planned, report.forecast_ms > 0.0)
 
     guard = CommandGuard(config.wbc.fallback_damping_nms)
-    return Hardware(build_drives(config, plant), computing, measured, guard)
+    return Hardware(build_drives(config, controller.robot, plant), computing, measured, guard)

@@ -270,6 +270,7 @@ class RunObserver:
         self._controller, self._truth, self._estimator, self._monitor = controller, truth, estimator, monitor
         self._record, self._record_plan = recorder.append, recorder.record_mpc
         self._records_friction = "joint_friction" in recorder.channels
+        self._records_motors = "motor_shares" in recorder.channels
         self._records_forecasts = "forecast_ms" in recorder.channels
         self._progress = progress
         self._duration = rates.ticks * rates.period
@@ -335,6 +336,8 @@ class RunObserver:
             values["sensor_faults"] = self._monitor.faults
         if self._records_friction:
             values["joint_friction"] = report.joint_friction
+        if self._records_motors:
+            values["motor_shares"] = self._controller.faults.shares
         if self._records_forecasts:
             values["forecast_ms"] = report.forecast_ms
         if hands := self._controller.wbc.hands:

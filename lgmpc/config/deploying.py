@@ -135,7 +135,7 @@ def serve_config(
     rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s + config.deployment.lie_down_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))
     guard = CommandGuard(config.deployment.damping_nms, command_limits(robot.effort_limit))
-    hardware = Hardware(build_drives(config, plant), computing, lambda: Spent(0.0, False, False), guard)
+    hardware = Hardware(build_drives(config, robot, plant), computing, lambda: Spent(0.0, False, False), guard)
     priority = 0 if lock_step else config.deployment.priority  # in lock step it computes all the time
     with real_time(priority), closing(link(robot)) as end:
         notify(f"{robot.name} waits for a controller at {end.place}")

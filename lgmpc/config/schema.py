@@ -18,7 +18,7 @@ from lgmpc.control.drives import DriveSettings
 from lgmpc.control.modes import ModeSettings
 from lgmpc.control.reference import CircleReference, StandReference
 from lgmpc.errors import ConfigError, InputError, nearest
-from lgmpc.estimation import DelaySettings, JointFrictionSettings, LeggedEstimatorSettings
+from lgmpc.estimation import DelaySettings, JointFaultSettings, JointFrictionSettings, LeggedEstimatorSettings
 from lgmpc.hardware.safety import DeploymentSettings
 from lgmpc.locomotion.command import Timeline
 from lgmpc.locomotion.settings import LocomotionSettings
@@ -190,6 +190,11 @@ class Config(Document):
     joint_friction: JointFrictionSettings | None = Field(
         default=None,
         description="Estimation of the joints' friction while legs swing; null: that of the model is used.",
+    )
+    joint_faults: JointFaultSettings | None = Field(
+        default=JointFaultSettings(),
+        description="Detection of weak and dead motors by the motion of the robot, with point feet on legs of three "
+        "joints; null: none.",
     )
     drives: DriveSettings = Field(
         default=DriveSettings(), description="Gains of the drives' own loop, which holds the motion between ticks."

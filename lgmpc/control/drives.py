@@ -36,6 +36,9 @@ class JointReferences:
         settings: see :class:`DriveSettings`.
         period: time between two ticks, s.
 
+    Attributes:
+        gains: (nu,) commanded over desired torque; None where all motors are sound.
+
     Raises:
         InputError: a key matches no joint, or there are gains for joints without one coordinate each.
     """
@@ -45,12 +48,13 @@ class JointReferences:
         self._kp = _per_joint(robot, settings.kp_nm_rad, "drives.kp_nm_rad")
         self._kd = _per_joint(robot, settings.kd_nms_rad, "drives.kd_nms_rad")
         self._none = self._kp is self._kd
+        self.gains: Array | None = None
         if not self._none and robot.q_reference[robot.joint_q].size != robot.nu:
             raise InputError("drives", "gains", f"none: {robot.name} has joints without one coordinate each")
 
     def command(self, tau: Array, q: Array, v: Array, acceleration: Array) -> Command:
-        """Return the command of torques (nu,) in a state (nq,), (nv,) with accelerations (nv,)."""
-        joints = q[self._joints]
+        """Return the command for torques (nu,) in a state (nq,), (nv,) with accelerations (nv,)."""
+        tau, joints = tau if self.gains is None else self.gains * tau, q[self._joints]
         if self._none:
             return Command(tau, joints, self._kp, self._kp, self._kp)
         now = v[self._rates]

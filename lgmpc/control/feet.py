@@ -73,6 +73,7 @@ class Feet:
         stepping: whether a foot swings or is to lift off; one that lost its contact does not step.
         standing: whether all feet are on the ground, and none is to lift off.
         changed: whether other feet carry than at the last tick.
+        lost: (nf,) which feet carry nothing, whatever the schedule says.
         settled: (nc,) points of feet that carry for long enough for their sliding to be evidence about the floor.
         ground: the plane under the robot, through the last footholds or of the map.
         mapped: the same where there is a map, or None.
@@ -104,6 +105,7 @@ class Feet:
         self.yaws = np.zeros(robot.nf)
         self._headings = [] if self.points.single else [HeadingTrajectory() for _ in range(robot.nf)]
         self.targets = self.position if self.points.single else np.zeros((robot.nc, 3))
+        self.lost = np.zeros(robot.nf, dtype=np.bool_)
         self._level = True
         self.roughness = 0.0
         self.shifts: Array | None = None
@@ -374,7 +376,7 @@ class Feet:
     def write_contacts(self, time: float, swing: Task) -> None:
         """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""
         contacts, shares = self._contacts, self.events.loading(time)
-        contacts.stance[...] = self.points.spread(self.stance)
+        contacts.stance[...] = self.points.spread(self.stance & ~self.lost)
         if shares != self._shares:
             self._shares = shares
             np.multiply(shares, self._highest, out=contacts.highest_normal)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.control.drives import DriveSettings, JointReferences
+from lgmpc.control.faults import JointFaults
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.lying import LegRetraction, RiseMotion
@@ -22,7 +23,7 @@ from lgmpc.control.planner import Planner
 from lgmpc.control.push_steps import PushSteps
 from lgmpc.control.reference import ComReference, DesiredMotion, MotionTasks
 from lgmpc.control.report import TickReport
-from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFrictionEstimator, StatePredictor
+from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFaultMonitor, JointFrictionEstimator, StatePredictor
 from lgmpc.locomotion.command import CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.gait import Gait
@@ -60,6 +61,7 @@ class LeggedController:
         modes: settings of lying, rising and giving up.
         delays: that are compensated: all that the controller decides is for the state in which its command will act.
         joint_friction: estimates what the torques overcome; None for what is known of the robot.
+        joint_faults: finds motors that have lost torque; None to rely on all of them.
         drives: gains of the drives' own loop; none unless given.
         maneuvers: planned motions that commands may name.
         period: time between two updates, s.
@@ -76,6 +78,7 @@ class LeggedController:
         modes: the present mode.
         push_steps: steps that no command asks for.
         joint_friction: as given.
+        faults: motors that have lost torque.
         report: of the last update.
     """
 
@@ -93,6 +96,7 @@ class LeggedController:
         modes: ModeSettings | None = None,
         delays: DelaySettings | None = None,
         joint_friction: JointFrictionEstimator | None = None,
+        joint_faults: JointFaultMonitor | None = None,
         drives: DriveSettings | None = None,
         maneuvers: Sequence[Maneuver] = (),
         period: float = 1e-3,
@@ -114,6 +118,9 @@ class LeggedController:
         self._measured = WholeBodyTerms(robot) if delayed else wbc.terms
         self.joint_friction = joint_friction
         self._references = JointReferences(robot, DriveSettings() if drives is None else drives, period)
+        self.faults = JointFaults(joint_faults, robot, wbc, self.feet, self._references)
+        found = floor, self._predictor, joint_friction, self.faults, planner and planner.observer
+        self._estimators: list[Any] = [each for each in found if each is not None]
         self._period = period
         self._time, self._elapsed = math.nan, period
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -144,23 +151,15 @@ class LeggedController:
         self._performer.reset()
         self.modes.begin(Mode.DAMP)
         self.wbc.reset()
-        self.floor.reset()
-        if self._predictor is not None:
-            self._predictor.reset()
-        if self.joint_friction is not None:
-            self.joint_friction.reset()
+        for each in self._estimators:
+            each.reset()
 
     def take_estimates(self, other: LeggedController) -> None:
         """Continue with another controller's estimates of what its commands, which acted, did to the robot."""
-        pairs: list[tuple[Any, Any]] = [
-            (self.floor, other.floor),
-            (self._predictor, other._predictor),
-            (self.joint_friction, other.joint_friction),
-            (self.planner and self.planner.observer, other.planner and other.planner.observer),
-        ]
-        for mine, theirs in pairs:
-            if mine is not None and theirs is not None:
-                mine.set_state(theirs.state())
+        theirs = {type(each): each for each in other._estimators}
+        for mine in self._estimators:
+            if type(mine) in theirs:
+                mine.set_state(theirs[type(mine)].state())
 
     def update(self, state: RobotState) -> Command:
         """Return the joint command for the measured state; never raises for what the robot does."""
@@ -185,7 +184,7 @@ class LeggedController:
         """Advance everything by one tick, and return its command."""
         measured, state = state, self._at_effect(state)
         finite = self.wbc.sense(state.q, state.v).finite
-        request = self.commands.at(state.time)
+        request = self.faults.limited(self.commands.at(state.time))
         if not self._begun:
             if not finite:
                 return self._wait(state)
@@ -200,6 +199,8 @@ class LeggedController:
             return self._perform(state, self._performer.present, missed)
         if finite:
             self._step(state, request)
+            if mode.upright:
+                self.faults.watch(measured)
             if self.joint_friction is not None:
                 stance = self.feet.points.spread(self.feet.stance)
                 self.wbc.joint_friction[:] = self.joint_friction.update(measured, stance, missed)
@@ -259,6 +260,7 @@ class LeggedController:
             self._predictor.expect(acceleration)
         if planner is not None:
             planner.expect(self.wbc.terms, acceleration, wrench)
+        self.faults.expect(self.wbc.tau)
         if self.joint_friction is not None:
             self.joint_friction.expect(self.wbc.tau)
 
@@ -273,7 +275,9 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, inputs, time = self.modes, self._inputs, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        upright, moving = self._upright if terms.finite else math.nan, self.command.moves
+        ground, moving = feet.ground, self.command.moves
+        upright = terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
+        upright = upright if terms.finite else math.nan
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
         performance = self._performer.present
         inputs.maneuver = self._performer.wanted(request)
@@ -281,7 +285,7 @@ class LeggedController:
         inputs.settled = inputs.maneuver and speed < _REST and all(feet.settled)
         inputs.performed = performance is not None and performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
-        inputs.failure = ""
+        inputs.lame, inputs.failure = self.faults.lame, ""
         if mode is Mode.DAMP:
             inputs.rearmed = self._rest.update(time, upright, state.v, request.mode)
         elif mode is Mode.LIE:
@@ -296,12 +300,6 @@ class LeggedController:
         if transition is not None:
             self._enter(transition, state)
         return machine.mode
-
-    @property
-    def _upright(self) -> float:
-        """Cosine of the base's tilt against the ground."""
-        ground, terms = self.feet.ground, self.wbc.terms
-        return terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
 
     def _enter(self, transition: Transition, state: RobotState) -> None:
         """Prepare the mode that a transition leads to."""
@@ -323,7 +321,10 @@ class LeggedController:
             self._begin_rising(state.time)
         elif mode is Mode.SIT:
             lying = np.array([0.0, 0.0, self._leg_retraction.crouch - self.feet.legs.height])
-            self._rise_motion.begin(state.time, np.zeros(3), lying)
+            if inputs.lame:  # the feet in the air are put down on the way
+                self.feet.begin(state.time, self.wbc.terms.contact_points, self.feet.stance.copy())
+                self._desired.rest()
+            self._rise_motion.begin(state.time, np.zeros(3), lying, self.faults.sinking_s if inputs.lame else None)
         elif mode is Mode.MANEUVER:
             self._performer.begin(None if inputs.falling else self.commands.at(state.time).maneuver)
         elif transition.name == "risen" and self.planner is not None:
@@ -446,5 +447,4 @@ class LeggedController:
         return self._damp(state)
 
     def _damp(self, state: RobotState) -> Command:
-        nothing = np.zeros(self.robot.nu)
-        return Command.damping(nothing, state.q[self._joints], self.wbc.settings.fallback_damping_nms)
+        return Command.damping(np.zeros(self.robot.nu), state.q[self._joints], self.wbc.settings.fallback_damping_nms)

@@ -126,15 +126,15 @@ class RiseMotion:
 
     def __init__(self, settings: LyingSettings) -> None:
         self._settings = settings
-        self._begin = 0.0
+        self._begin, self._duration = 0.0, settings.rise_s
         self._start, self._way = np.zeros(3), np.zeros(3)
         self._rising = True
         self.offset, self.velocity, self.acceleration = np.zeros((3, 3))
         self.support = self.lying = 0.0
 
-    def begin(self, t: float, start: Array, goal: Array) -> None:
-        """Begin to move at time ``t``, s, from the offset ``start`` (3,) to ``goal`` (3,), m."""
-        self._begin = t
+    def begin(self, t: float, start: Array, goal: Array, duration: float | None = None) -> None:
+        """Begin to move at time ``t``, s, from the offset ``start`` (3,) to ``goal`` (3,), m; within a duration, s."""
+        self._begin, self._duration = t, self._settings.rise_s if duration is None else duration
         self._start[:], self._way[:] = start, goal - start
         self._rising = bool(goal[2] > start[2])
 
@@ -143,13 +143,13 @@ class RiseMotion:
         s, elapsed = self._settings, t - self._begin
         self.support = max(1.0 - elapsed / s.load_s, 0.0) if self._rising else 0.0
         moving = elapsed - s.load_s if self._rising else elapsed
-        way, rate, curvature = least_jerk(min(max(moving / s.rise_s, 0.0), 1.0))
+        way, rate, curvature = least_jerk(min(max(moving / self._duration, 0.0), 1.0))
         self.lying = 1.0 - way if self._rising else way
         np.multiply(way, self._way, out=self.offset)
         self.offset += self._start
-        np.multiply(rate / s.rise_s, self._way, out=self.velocity)
-        np.multiply(curvature / s.rise_s**2, self._way, out=self.acceleration)
-        return moving >= s.rise_s
+        np.multiply(rate / self._duration, self._way, out=self.velocity)
+        np.multiply(curvature / self._duration**2, self._way, out=self.acceleration)
+        return moving >= self._duration
 
 
 def least_jerk(x: float) -> tuple[float, float, float]:

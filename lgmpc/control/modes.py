@@ -3,7 +3,7 @@
 Commands request one of three modes (``stand``, ``lie``, ``damp``); the sequence of modes that leads there is determined
 here by named transitions::
 
-    damp -- re-arm --> lie -- rise --> rise -- risen --> stand <--> locomote, recover
+    damp -- re-arm --> lie -- rise --> rise -- risen --> stand <--> locomote, recover -- sink --> sit
                         ^                                  |
                         +------ lain -- sit <-- sit down --+      any mode -- give up, emergency stop --> damp
 
@@ -130,6 +130,7 @@ class TransitionInputs:
         maneuver: a planned motion is commanded that has not been performed.
         settled: the robot is at rest on feet that have carried for a while.
         performed: the planned motion is over.
+        lame: a motor is dead without which the robot would topple before it came to rest.
         falling: the robot stood, and has lost the ground under all feet.
     """
 
@@ -144,6 +145,7 @@ class TransitionInputs:
     maneuver: bool = False
     settled: bool = False
     performed: bool = False
+    lame: bool = False
     falling: bool = False
 
 
@@ -173,6 +175,7 @@ def _way(
 TRANSITIONS: tuple[Transition, ...] = (
     _way("emergency stop", _ARMED, Mode.DAMP, lambda s: s.request == "damp"),
     _way("give up", _ARMED, Mode.DAMP, lambda s: bool(s.failure)),
+    _way("sink", frozenset({Mode.STAND, Mode.LOCOMOTE, Mode.RECOVER}), Mode.SIT, lambda s: s.lame),
     _way("re-arm", frozenset({Mode.DAMP}), Mode.LIE, lambda s: s.rearmed and s.request != "damp"),
     _way("rise", frozenset({Mode.LIE}), Mode.RISE, lambda s: s.folded and s.request == "stand"),
     _way("risen", frozenset({Mode.RISE}), Mode.STAND, lambda s: s.lifted),

@@ -3,6 +3,7 @@
 from lgmpc.estimation.friction import FrictionMonitor
 from lgmpc.estimation.inertial import ImuNoise, Preintegration, exponential_increment, zero_order_hold_increment
 from lgmpc.estimation.invariant_ekf import InvariantEkf
+from lgmpc.estimation.joint_faults import JointFaultMonitor, JointFaultSettings
 from lgmpc.estimation.joint_friction import JointFrictionEstimator, JointFrictionSettings
 from lgmpc.estimation.legged import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.estimation.legs import ContactDetector, LegSensing
@@ -16,6 +17,8 @@ __all__ = [
     "FrictionMonitor",
     "ImuNoise",
     "InvariantEkf",
+    "JointFaultMonitor",
+    "JointFaultSettings",
     "JointFrictionEstimator",
     "JointFrictionSettings",
     "LegSensing",

@@ -143,6 +143,7 @@ def find_events(
         _missed,
         _estimates,
         _sensors,
+        _motors,
         _modes,
     )
     found = [event for find in finders for event in find(log)]
@@ -269,6 +270,15 @@ def _sensors(log: RunLog) -> Iterator[Event]:
         names = " and ".join(name for bit, name in enumerate(SENSOR_FAULTS) if found & 1 << bit)
         words = f"readings of {names} that cannot be true, replaced in {np.count_nonzero(part)} ticks"
         yield _event(log, span, EventKind.ESTIMATE, "sensors", words)
+
+
+def _motors(log: RunLog) -> Iterator[Event]:
+    if log.motor_shares is None:
+        return
+    for tick, joint in np.argwhere(np.diff(log.motor_shares, axis=0) != 0.0).tolist():
+        share = float(log.motor_shares[tick + 1, joint])
+        words = f"the motor of {log.joint_names[joint]} detected to give {100.0 * share:.0f} % of its torque"
+        yield _event(log, (tick + 1, tick + 2), EventKind.LIMIT, "motor", words)
 
 
 def _modes(log: RunLog) -> Iterator[Event]:

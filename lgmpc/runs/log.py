@@ -47,11 +47,11 @@ CONTACT_FORCE_N = 0.1
 
 
 _tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
-OPTIONAL = ("estimate", "fault", "friction", "forecast", "hand", "limit", "surface")
-"""Tables of runs with an estimator, with monitored sensors, with estimated joint friction, with forecasts
-of steps against pushes, with hands that are held or moved, of continued runs whose floor or torque limits
+OPTIONAL = ("estimate", "fault", "friction", "motor", "forecast", "hand", "limit", "surface")
+"""Tables of runs with an estimator, with monitored sensors, with estimated joint friction, with motors that fail, with
+forecasts of steps against pushes, with hands that are held or moved, of continued runs whose floor or torque limits
 changed, of ground with several coefficients of friction."""
-_estimate, _fault, _friction, _forecast, _hand, _limit, _surface = (
+_estimate, _fault, _friction, _motor, _forecast, _hand, _limit, _surface = (
     partial(channel, name, optional=True) for name in OPTIONAL
 )
 _entry = partial(channel, "entry")
@@ -132,6 +132,7 @@ class RunLog(ArrayFile):
     )
     footholds: Array = _tick("current or next foothold of each foot", "nc", 3, unit="m", frame="world")
     joint_friction: Array | None = _friction("estimated friction that the torques overcome", "nu", unit="N.m")
+    motor_shares: Array | None = _motor("share of its torque that each motor gives, as detected", "nu")
     sensor_faults: NDArray[np.uint8] | None = _fault(
         "quantities whose readings could not be true and were replaced: bits of SENSOR_FAULTS", dtype=np.uint8
     )

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Annotated, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from lgmpc.control.interface import Command, Measurement, RobotState
+from lgmpc.errors import InputError
 from lgmpc.settings import Fraction, Noise, NonNegative, Positive, Problem, Settings, problems
 from lgmpc.typing import Array
 
@@ -71,8 +73,19 @@ class LinkSettings(Settings):
         return self.measurement_latency_s == self.measurement_jitter_s == 0.0 and not any(self.noise)
 
 
+class JointFault(Settings):
+    """A motor that from some time on gives less torque than it is commanded, or none."""
+
+    joint: str = Field(min_length=1, description="Name of the joint.")
+    at_s: NonNegative = Field(description="Time from which it does, s.")
+    torque_share: Fraction = Field(
+        default=0.0,
+        description="Share of the commanded torque, and of its limit, that the motor gives: 0 if it is dead.",
+    )
+
+
 class ActuatorSettings(Settings):
-    """The drives of the joints, all alike; no controller's model contains them."""
+    """The drives of the joints, all alike but for faults; no controller's model contains them."""
 
     bandwidth_hz: Positive | None = Field(
         default=None, description="Corner frequency of the torque's first-order lag, Hz; null: none."
@@ -86,6 +99,8 @@ class ActuatorSettings(Settings):
     no_load_speed_rad_s: Positive | None = Field(
         default=None, description="Speed at which the supply allows no driving torque, rad/s; linear in between."
     )
+
+    faults: tuple[JointFault, ...] = Field(default=(), description="Motors that fail; the last one of a joint holds.")
 
     @model_validator(mode="after")
     def _line_is_whole(self) -> ActuatorSettings:
@@ -205,9 +220,20 @@ class Drives:
         actuators: lag and limits.
         dt: duration of the plant's steps, s.
         rng: of jitter and losses.
+        joints: names of the joints, in their order, and their torque limits, N.m; of drives without faults, none.
+
+    Raises:
+        InputError: a fault of a joint that is not one of them.
     """
 
-    def __init__(self, link: LinkSettings, actuators: ActuatorSettings, dt: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        link: LinkSettings,
+        actuators: ActuatorSettings,
+        dt: float,
+        rng: np.random.Generator,
+        joints: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
         self._line = DelayLine[Command](link.command_latency_s, link.command_jitter_s, rng)
         self._dropped, self._rng = link.dropped_commands, rng
         self._share = (
@@ -215,6 +241,15 @@ class Drives:
         )
         self._stall, self._no_load = actuators.stall_torque_nm, actuators.no_load_speed_rad_s
         self._torque: Array | None = None
+        names = tuple(joints)
+        for i, fault in enumerate(actuators.faults):
+            if fault.joint not in joints:
+                key = f"plant.actuators.faults.{i}.joint"
+                raise InputError(key, repr(fault.joint), "a joint of the robot", names, word=fault.joint)
+        self._faults = [
+            (each.at_s, names.index(each.joint), each.torque_share, joints[each.joint])
+            for each in sorted(actuators.faults, key=lambda fault: fault.at_s)
+        ]
 
     def send(self, command: Command, time: float) -> None:
         """Send a command that is complete at ``time``."""
@@ -239,6 +274,11 @@ class Drives:
             driving = np.maximum(np.sign(torque) * v[-torque.size :], 0.0)
             available = np.maximum(self._stall * (1.0 - driving / self._no_load), 0.0)
             torque = np.minimum(np.maximum(torque, -available), available)
+        failed = {j: (share, most) for at, j, share, most in self._faults if at <= time + _SAME_TIME}
+        if failed:
+            torque = torque.copy()
+            for joint, (share, most) in failed.items():
+                torque[joint] = share * min(max(torque[joint], -most), most)
         return torque
 
 

@@ -96,6 +96,7 @@ class WholeBodyQp:
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
         joint_horizon: [look-ahead of the joints' limits, s; largest acceleration that they require, rad/s2].
+        limits: (4, nu) limits of torque, lowest and highest position, and speed; the robot's at first.
         symbolic: the tasks with weights whose rows the function computes.
         numeric: those whose rows Python computes.
         facets: of the friction pyramid at each contact point.
@@ -126,7 +127,7 @@ class WholeBodyQp:
         self._summary = np.zeros(2)
         self._axes = np.zeros((3 * robot.nc, 3 * robot.nc))
         self._level = False
-        limits = np.array(
+        self.limits = np.array(
             [robot.effort_limit, robot.joint_lower, robot.joint_upper, robot.velocity_limit], dtype=np.float64
         )
         weights, s = settings.weights, solver
@@ -152,7 +153,7 @@ class WholeBodyQp:
             "lowest_normal": self.contacts.lowest_normal,
             "highest_normal": self.contacts.highest_normal,
             "external_wrench": self.external_wrench,
-            "limits": limits.reshape(-1),
+            "limits": self.limits.reshape(-1),
             "horizon": self.joint_horizon,
             "weights": np.array([weights.force, weights.acceleration]),
             "joint_friction": self.joint_friction,

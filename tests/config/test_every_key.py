@@ -118,6 +118,11 @@ SOLO = {
             "mpc.observer_noise_share",
         ),
     ),
+    "weak motor": Scene(
+        "solo12_motor_fault",
+        ["plant.actuators.faults=[{joint: FL_KFE, at_s: 0.05, torque_share: 0.5}]", "duration_s=0.25"],
+        ("plant.actuators.faults.*", "joint_faults.*"),
+    ),
     "uphill": Scene(
         "solo12_velocity",
         [
@@ -312,6 +317,8 @@ OTHER: dict[str, Any] = {
     "*/locomotion.limits.speed_m_s": 0.1,
     "*/locomotion.limits.yaw_rate_rad_s": 0.1,
     "*/joint_friction.largest_share": 1e-3,
+    "*/plant.actuators.faults": ({"joint": "slide_a", "at_s": 0.0},),
+    "*/plant.actuators.faults.0.joint": "FR_KFE",
     "*/modes.fall.tilt_error_deg": 2.0,
     "*/modes.fall.height_error_share": 0.1,
     "*/modes.fall.unsupported_s": 0.05,

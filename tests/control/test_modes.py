@@ -17,6 +17,7 @@ WALKS = TransitionInputs(moving=True, stepping=True)
 CASES = [
     *(("emergency stop", mode, TransitionInputs(request="damp"), Mode.DAMP) for mode in ARMED),
     *(("give up", mode, TransitionInputs(failure="tilted"), Mode.DAMP) for mode in ARMED),
+    *(("sink", mode, TransitionInputs(lame=True, stepping=True), Mode.SIT) for mode in Mode if mode.upright),
     ("re-arm", Mode.DAMP, TransitionInputs(rearmed=True), Mode.LIE),
     ("rise", Mode.LIE, TransitionInputs(folded=True), Mode.RISE),
     ("risen", Mode.RISE, TransitionInputs(lifted=True), Mode.STAND),

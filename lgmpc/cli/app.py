@@ -113,7 +113,16 @@ def live(
     ] = 300.0,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any free one.")] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the page in a browser on this machine.")] = True,
-) -> None:
+    robot: Annotated[
+        str,
+        option(
+            "Drive a robot instead of a simulation, disarmed at first: HOST:PORT, as of `lgmpc robot`; of Unitree's"
+            " the network interface, of ODRI's the YAML file."
+        ),
+    ] = "",
+    driver: DriverName = "udp",
+    secret: Secret = None,
+) -> int | None:
     """Simulate a config in real time, shown on a page that also drives it: commands, pushes, settings, world.
 
     Commands, pushes and changes of the config are replaced by those of the page. Ctrl-C saves the run.
@@ -128,9 +137,15 @@ def live(
 
     console = err()
     with Viewing(port, browser).open(lambda message: console.print(message, markup=False), load) as link:
-        from lgmpc.cli.running import live_shown
+        from lgmpc.cli.running import RobotEnd, deploy_shown, live_shown
 
-        live_shown(load(), link, out, duration)
+        if not robot:
+            live_shown(load(), link, out, duration)
+            return None
+        from lgmpc.hardware.udp import parse_address
+
+        end = RobotEnd(driver, parse_address(robot) if driver == "udp" else ("", 0), secret, robot)
+        return deploy_shown(load().replace({"duration_s": duration}), end, out, disarmed=True, page=link)
 
 
 @_command

@@ -48,7 +48,7 @@ lgmpc run solo12_velocity --view              in real time, on a page in the bro
 live
 lgmpc live solo12_velocity
 lgmpc live go2_velocity world=stairs_5cm
-lgmpc live solo12_balance --port 0 --no-browser
+lgmpc live solo12_velocity_inekf --robot 127.0.0.1:47800     the robot of `lgmpc robot solo12_velocity_inekf`
 lgmpc live solo12_velocity --no-browser     for another machine: ssh -L 8080:127.0.0.1:8080 user@this
 
 solve

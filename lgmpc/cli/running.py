@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -175,15 +176,28 @@ class RobotEnd(NamedTuple):
 
 
 def deploy_shown(
-    config: Config, link: RobotEnd, folder: Path, *, disarmed: bool, dry_run: bool, as_json: bool, quiet: bool
+    config: Config,
+    link: RobotEnd,
+    folder: Path,
+    *,
+    disarmed: bool,
+    dry_run: bool = False,
+    as_json: bool = False,
+    quiet: bool = False,
+    page: Link | None = None,
 ) -> int:
-    """Run ``config`` on a robot, print the verdict, and return the exit code."""
+    """Run ``config`` on a robot, driven from a page if there is one; print the verdict, and return the exit code."""
     from lgmpc.config.deploying import deploy_config
     from lgmpc.hardware.safety import Keys
 
+    begin = deploy_config
+    if page is not None:
+        from lgmpc.live.deployed import deployed_config
+
+        begin = partial(deployed_config, link=page)
     console, driver = err(), link.end(robots=False, period=1.0 / config.wbc.rate_hz)
     with Keys.of_terminal(not disarmed) as keys, _run_display(console, quiet=quiet) as display, warnings_on(console):
-        finished, deployment = deploy_config(
+        finished, deployment = begin(
             config,
             driver,
             folder,

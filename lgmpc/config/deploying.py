@@ -48,7 +48,7 @@ from lgmpc.simulation.plant import PlantSample, make_plant
 from lgmpc.world import make_world
 
 _LOG = logging.getLogger(__name__)
-__all__ = ["UNMEASURED", "deploy_config", "not_measured", "serve_config"]
+__all__ = ["UNMEASURED", "DeploymentSession", "deploy_config", "not_measured", "serve_config"]
 
 
 def deploy_config(
@@ -60,6 +60,7 @@ def deploy_config(
     progress: ProgressReport = ignore,
     operator: Operator | None = None,
     dry_run: bool = False,
+    prepared: Callable[[DeploymentSession], None] = ignore,
 ) -> tuple[FinishedRun, Deployment]:
     """Run the controllers of ``config`` on a robot, in real time, and save the run.
 
@@ -77,6 +78,8 @@ def deploy_config(
         progress: called with the progress of the run.
         operator: emergency stop, arming and lying down by the person who watches; none unless given.
         dry_run: whether nothing is sent to the robot.
+        prepared: called when all is ready, before the driver is constructed; it may watch the ticks and replace the
+            commands.
 
     Returns:
         The run, and the figures of link and loop.
@@ -88,13 +91,14 @@ def deploy_config(
     if isinstance(config.estimator, GroundTruth):
         _LOG.warning("the config has no estimator: inekf with its defaults estimates the state")
         config = config.model_copy(update={"estimator": LeggedEstimatorSettings()})
-    sessions: list[_DeploymentSession] = []
+    sessions: list[DeploymentSession] = []
 
-    def prepare(announce: Notify) -> _DeploymentSession:
+    def prepare(announce: Notify) -> DeploymentSession:
         session = _prepare(config, driver, announce)
         session.operator, session.dry_run = Operator() if operator is None else operator, dry_run
+        prepared(session)
         sessions.append(session)
-        return sessions[0]
+        return session
 
     finished = run_session(config, prepare, out, notify=notify, progress=progress)
     deployment = sessions[0].deployment
@@ -147,7 +151,7 @@ def serve_config(
         return serve(plant, build_sensors(config, robot), pushes, rates, pace, world, hardware)
 
 
-def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) -> _DeploymentSession:
+def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) -> DeploymentSession:
     if config.changes:
         raise config.error("changes", f"{len(config.changes)} entries", "none: only simulated runs change settings")
     notify("loading the robot")
@@ -166,7 +170,7 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
         friction=config.wbc.friction,
         estimated=False,
     )
-    return _DeploymentSession(config, controller, rates, recorder, estimator, driver)
+    return DeploymentSession(config, controller, rates, recorder, estimator, driver)
 
 
 def _arrange_planning(config: Config, controller: LeggedController) -> None:
@@ -189,8 +193,21 @@ def _own_mpc(config: Config) -> Mpc:
 
 
 @dataclass
-class _DeploymentSession:
-    """A :class:`lgmpc.config.session.Session` whose plant is a robot."""
+class DeploymentSession:
+    """A :class:`lgmpc.config.session.Session` whose plant is a robot.
+
+    Attributes:
+        config: the closed loop.
+        controller: the controller.
+        rates: of its ticks.
+        recorder: an empty recorder.
+        legs: the estimator.
+        driver: constructs the driver of the robot.
+        operator: the person who watches.
+        dry_run: whether nothing is sent.
+        watch: called after each recorded tick.
+        deployment: figures of link and loop, after the run.
+    """
 
     config: Config
     controller: LeggedController
@@ -200,6 +217,7 @@ class _DeploymentSession:
     driver: Callable[[Robot], Driver]
     operator: Operator = field(default_factory=Operator)
     dry_run: bool = False
+    watch: Callable[[Tick], bool] | None = None
     deployment: Deployment | None = None
 
     @property
@@ -217,7 +235,10 @@ class _DeploymentSession:
             measured, state = tick.measurement, tick.state
             sample = PlantSample(state.time, state.q, state.v, measured.torques, self.legs.legs.forces)
             torque = tick.command.torque(measured.joints, measured.speeds)
-            observer(Tick(tick.index, sample, state, tick.command, tick.replaced, torque, nothing))
+            recorded = Tick(tick.index, sample, state, tick.command, tick.replaced, torque, nothing)
+            observer(recorded)
+            if self.watch is not None:
+                self.watch(recorded)
 
         def plan() -> None:
             begun = perf_counter()

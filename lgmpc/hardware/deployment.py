@@ -241,6 +241,7 @@ class _Loop:
         """Answer measurements until the duration is over, and the robot has lain down, unless a _Stop ends it."""
         silent, operator, settings = False, self._operator, self._settings
         end, lying, by_user = duration - 1.5 * self._period, False, False
+        waiting: list[Measurement] = []  # of a robot that waits for the answer to its first one
         while True:
             found = self._driver.read(settings.silence_s)
             now = perf_counter()
@@ -248,6 +249,8 @@ class _Loop:
             if operator.stop:
                 raise _Stop(Ending.STOPPED, operator.stop)
             readings = self._dated(found, now)
+            if operator.armed and not readings:
+                readings, waiting = waiting, []
             if not readings:
                 silence = now - self._heard
                 if silence > settings.lost_s:
@@ -260,7 +263,9 @@ class _Loop:
                 continue
             self._heard, silent = now, False
             if not (self._spent or operator.armed):
+                waiting = readings[-1:]
                 continue  # nothing is sent before
+            waiting = []
             self._begun = readings[0].time if math.isnan(self._begun) else self._begun
             elapsed = readings[-1].time - self._begun
             if operator.lies and not lying:

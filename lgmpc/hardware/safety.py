@@ -6,7 +6,7 @@ import math
 import os
 import select
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Literal, NamedTuple
 
@@ -162,13 +162,16 @@ class Operator:
         armed: whether commands may be sent. Before the first time nothing is sent; later the joints are damped.
         lies: whether the robot shall lie down, and the run end then.
         stop: reason of an emergency stop; empty if there is none.
+        listen: called by :meth:`poll`: sets the others to what a person elsewhere wants, such as on a page.
     """
 
     def __init__(self, armed: bool = True) -> None:
         self.armed, self.lies, self.stop = armed, False, ""
+        self.listen: Callable[[], None] = lambda: None
 
     def poll(self) -> None:
         """Read what the person has asked for since the last call, without waiting."""
+        self.listen()
 
 
 class Keys(Operator):
@@ -180,6 +183,7 @@ class Keys(Operator):
 
     def poll(self) -> None:
         """Read the keys that were pressed since the last call."""
+        super().poll()
         if not select.select([self._input], [], [], 0.0)[0]:
             return
         for key in os.read(self._input, 64).decode(errors="ignore").lower():

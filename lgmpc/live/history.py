@@ -10,13 +10,13 @@ import numpy as np
 from lgmpc.config.build import build_recorder
 from lgmpc.config.schema import GroundTruth
 from lgmpc.live.ring import RingReader
-from lgmpc.live.session import EXTRAS, PICTURE_S
+from lgmpc.live.shown import EXTRAS, PICTURE_S
 from lgmpc.live.wishes import Started
 from lgmpc.robot import Robot
 from lgmpc.runs import RunLog
 from lgmpc.simulation.loop import Rates
 from lgmpc.typing import Array
-from lgmpc.world import make_world
+from lgmpc.world import World, make_world
 
 __all__ = ["History"]
 
@@ -38,11 +38,12 @@ class History:
 
     def __init__(self, robot: Robot, started: Started) -> None:
         config = started.config
-        self.world = make_world(config.world, config.plant.friction, config.seed)
+        # What is at the end of a link knows of no simulated world.
+        self.world = World() if started.deployed else make_world(config.world, config.plant.friction, config.seed)
         rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, 2.0 / config.wbc.rate_hz)
         self._recorder = build_recorder(
             config, robot, rates, effort_limit=robot.effort_limit, mass=robot.mass, friction=config.plant.friction,
-            estimated=not isinstance(config.estimator, GroundTruth), world=self.world,
+            estimated=not (started.deployed or isinstance(config.estimator, GroundTruth)), world=self.world,
         )  # fmt: skip
         self._sizes = [part.size for part in self._recorder.rows]
         self._reader = RingReader(started.ring, sum(self._sizes) + EXTRAS)
@@ -63,10 +64,10 @@ class History:
         times = [row[0] for row in self.rows]
         return max(bisect_right(times, times[-1] + back + 1e-9) - 1, 0)
 
-    def log(self, last: int, count: int) -> RunLog:
-        """Return the log of ``count`` pictures up to number ``last``."""
+    def log(self, last: int, count: int, every: int = 1) -> RunLog:
+        """Return the log of ``count`` pictures up to number ``last``, or of one of ``every`` so many."""
         begin = max(last + 1 - count, 0)
-        table = np.array([self.rows[i] for i in range(begin, last + 1)])
+        table = np.array([self.rows[i] for i in range(last, begin - 1, -every)][::-1])
         width = self._sizes[0]
         updates = table[:, width : width + self._sizes[1]]
         updates = updates[updates.any(axis=1)]  # zeros before the first one
@@ -75,7 +76,7 @@ class History:
         return self._recorder.log()
 
     def extras(self, at: int) -> Array:
-        """Return the numbers of a picture that are in no log; see :data:`~lgmpc.live.session.EXTRAS`."""
+        """Return the numbers of a picture that are in no log; see :data:`~lgmpc.live.shown.EXTRAS`."""
         return self.rows[at][-EXTRAS:]
 
     def close(self) -> None:

@@ -15,7 +15,6 @@ import viser
 from viser import uplot
 
 from lgmpc.config.robots import build_robot
-from lgmpc.config.schema import Config
 from lgmpc.lie import attitude, quaternion
 from lgmpc.live.canvas import ROOT, LiveScene, rgb, wxyz
 from lgmpc.live.controls import SettingControls, add_worlds
@@ -40,7 +39,8 @@ __all__ = ["Page"]
 
 _SWING = 30
 """Pictures over which the path of a swing is drawn."""
-_PLOTTED = 600
+_PLOTTED, _PLOTTED_EVERY = 1800, 3
+"""Pictures over which quantities are plotted, and the share of them."""
 _FURTHER = 1.7
 _FOLLOW_S, _JUMP_M = 0.2, 2.0
 _TIME_AXIS = uplot.Scale(time=False, auto=True)
@@ -60,18 +60,17 @@ class Page:
     """The page of a run.
 
     Args:
-        config: the closed loop.
+        started: the first run; one of a robot at the end of a link has no pulls, no pace, and no other worlds.
         server: which serves it.
         pipe: to the loop.
-        deployed: whether the robot is at the end of a link: it has no pulls, no pace, and no other worlds.
 
     Attributes:
         robot: of the config.
         stale: whether to draw again although there is no new picture.
     """
 
-    def __init__(self, config: Config, server: viser.ViserServer, pipe: Connection, *, deployed: bool = False) -> None:
-        self._deployed = deployed
+    def __init__(self, started: Started, server: viser.ViserServer, pipe: Connection) -> None:
+        config, self._deployed = started.config, started.deployed
         self.robot, self._config, self._server, self._pipe = build_robot(config), config, server, pipe
         robot = self.robot
         server.gui.set_panel_label(f"{config.name} · lgmpc live")
@@ -90,6 +89,7 @@ class Page:
         self._told, self._plotted_at, self._followed_at, self.stale = 0.0, 0.0, 0.0, False
         self._pace, self._asking = Pace(), RLock()  # viser calls back in several threads
         self._layout(lowest, highest)
+        server.on_client_disconnect(lambda _: None if server.get_clients() else self._halt())  # nobody sees it walk
 
     # Layout
 
@@ -102,6 +102,7 @@ class Page:
         server.initial_camera.fov = math.radians(float(camera["fov"]))  # type: ignore[arg-type]
         self._root = server.scene.add_frame(ROOT, show_axes=False)
         self._body.add_to(scene)
+        self._body.animate(scene, np.zeros(1), self.robot.q_reference[None])  # until there is a picture
         for part in self._body.parts:
             path = f"/robot/{self.robot.model.names[part.joint]}/{part.name}"
             if not self._deployed:
@@ -112,7 +113,8 @@ class Page:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self._drive_tab()
-        self._settings = tabs.add_tab("Settings")
+        if not self._deployed:
+            self._settings = tabs.add_tab("Settings")
         with tabs.add_tab("View"):
             self._view_tab()
         with tabs.add_tab("Plots"):
@@ -185,7 +187,8 @@ class Page:
     def _plots_tab(self) -> dict[str, Any]:
         gui, none = self._server.gui, np.zeros(2)
         names = {
-            "velocity, m/s": ("ahead", "left", "commanded"), "tilt, degrees": ("tilt",),
+            "velocity, m/s": ("ahead", "left", "commanded"), "height above the ground, m": ("height",),
+            "tilt, degrees": ("tilt",),
             "largest torque, share of its limit": ("torque",),
         }  # fmt: skip
         colors = ("#0072B2", "#009E73", "#888888")
@@ -303,10 +306,13 @@ class Page:
         )  # fmt: skip
         add_solids(scene, world, cell)
         self._gaits = started.gaits
-        if started.tunable:
+        if started.tunable or self._deployed:
             self._gait.options = tuple(name for name in started.gaits if name != "stand") or started.gaits
             self._maneuver.options = started.maneuvers or ("none",)
             self._maneuver.visible = self._perform.visible = bool(started.maneuvers)
+        if self._deployed:
+            self._status.content = "**disarmed** · nothing is sent to the robot, and nothing shown of it, until *arm*"
+        if started.tunable:
             self._values = SettingControls(self._server.gui, self._settings, started.config, started.tunable, self._ask)
         self._scrub.value = 0.0
         if not self._deployed:
@@ -346,7 +352,7 @@ class Page:
                 self._write_status(log, extras, back)
         if now - self._plotted_at > 0.5:
             self._plotted_at = now
-            self._plot(history.log(last, _PLOTTED))
+            self._plot(history.log(last, _PLOTTED, _PLOTTED_EVERY))
 
     def _draw(self, log: RunLog, extras: Array, history: History) -> None:
         scene, frames = self._scene, Frames(np.zeros(1), np.array([log.ticks - 1]))
@@ -380,6 +386,8 @@ class Page:
         mode = MODES[log.mode[-1]]
         gait = self._gaits[int(extras[2])] if extras[2] >= 0 else ""
         pace = "paused" if extras[1] else f"{extras[0]:.2f} x real time"
+        if self._deployed:
+            pace = "**disarmed**" if extras[1] else "armed"
         pushed = float(np.linalg.norm(log.push[-1, :3]))
         self._status.content = (
             f"**{mode}** · {gait} · {log.time[-1]:.2f} s · {'looking back' if back < 0.0 else pace}\n\n"
@@ -393,7 +401,7 @@ class Page:
         wanted = log.command[:, 0]
         effort = np.abs(log.tau / log.effort_limit).max(axis=1)
         values: Sequence[tuple[Array, ...]] = (
-            (velocity[:, 0], velocity[:, 1], wanted), (log.tilt_deg,), (effort,)
+            (velocity[:, 0], velocity[:, 1], wanted), (log.base_height,), (log.tilt_deg,), (effort,)
         )  # fmt: skip
         for plot, lines in zip(self._plots.values(), values, strict=True):
             plot.data = (time, *(np.round(line, 3) for line in lines))  # rounding errors are no motion

@@ -1,12 +1,7 @@
-"""A closed loop in real time that another process shows and drives: pace, commands, pulls, settings, the run's folder.
-
-The loop's process writes pictures into a ring of shared memory, at most sixty a second, and looks for wishes in a pipe
-every few milliseconds. It waits for nothing: without a viewer, or after its end, it goes on as it is.
-"""
+"""A simulation in real time that a page shows and drives: pace, commands, pulls, settings, the run's folder."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -22,31 +17,19 @@ from lgmpc.config.closed_loop import ClosedLoopSession, failed
 from lgmpc.config.execution import FinishedRun, run_session, save_run
 from lgmpc.config.schema import Change, Config
 from lgmpc.config.session import ProgressReport, Session, StopSignals, ignore, stop_signals
-from lgmpc.errors import InputError, LgmpcError
-from lgmpc.live.ring import RingWriter
+from lgmpc.errors import LgmpcError
+from lgmpc.live.shown import WISHES_S, PageCommands, Shown
 from lgmpc.live.tuning import Tuner
 from lgmpc.live.viewing import Link
-from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Started, Tune
-from lgmpc.locomotion.command import CommandEntry, ModeRequest, MotionCommand
+from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Tune
+from lgmpc.locomotion.command import CommandEntry, ModeRequest
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world.settings import named_world
 
-__all__ = [
-    "EXTRAS",
-    "PICTURE_S",
-    "LiveRun",
-    "PageCommands",
-    "Pulls",
-    "ShownRun",
-    "live_config",
-    "viewed_config",
-]
+__all__ = ["LiveRun", "Pulls", "ShownRun", "live_config", "viewed_config"]
 
-PICTURE_S = 1.0 / 60.0
-"""Least time between two pictures, s."""
-_WISHES_S = 5e-3
 _AHEAD_S = 2e-3
 """Simulated time may be ahead of the clock by so much, s: less would be a system call at every tick."""
 _BEHIND_S = 0.1
@@ -57,35 +40,6 @@ _SAME_CHANGE_S = 0.5
 """Values of one setting within this time, s, are one change in the saved config: each is a controller of its own."""
 _MODES: dict[OrderName, ModeRequest] = {"stop": "damp", "disarm": "damp", "arm": "stand", "lie": "lie"}
 """Of a simulated robot, by what is ordered."""
-
-EXTRAS = 8
-"""Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
-number of the gait, and the ground as the controller believes it to be: slope (2) and a point (3)."""
-
-
-class PageCommands:
-    """A :class:`~lgmpc.locomotion.command.CommandSource` of what the page asks for.
-
-    Attributes:
-        entries: all changes so far, as a config's ``commands``.
-    """
-
-    def __init__(self, gait: str) -> None:
-        self._command = MotionCommand(gait=gait)
-        self.entries = [CommandEntry(at_s=0.0, gait=gait)]
-        self._asked: list[CommandEntry] = []
-
-    def ask(self, entry: CommandEntry) -> None:
-        """Let a change act from the next tick on."""
-        self._asked.append(entry)
-
-    def at(self, t: float) -> MotionCommand:
-        """Return the command of the tick at ``t``, s."""
-        for asked in self._asked:
-            self.entries.append(asked.replace({"at_s": max(t, 0.0)}))
-            self._command = self.entries[-1].change(self._command)
-        self._asked.clear()
-        return self._command
 
 
 class Pulls(PushSchedule):
@@ -138,52 +92,31 @@ class Pulls(PushSchedule):
         return np.concatenate([force, np.cross(grip - self._plant.body_point(body), force)])
 
 
-class ShownRun:
-    """A run in real time that a viewer shows; the page changes its pace.
+class ShownRun(Shown):
+    """A simulation in real time that a viewer shows; the page changes its pace.
 
     Args:
         config: the closed loop.
         session: ready to run.
         link: to the viewer.
-        started: further items of the :class:`~lgmpc.live.wishes.Started` that the viewer receives.
+        started: see :class:`Shown`.
     """
 
     def __init__(self, config: Config, session: ClosedLoopSession, link: Link, **started: Any) -> None:
-        self._session, self._link = session, link
-        ticks, updates = session.recorder.rows
-        self._parts = (ticks, updates, np.zeros(EXTRAS))
-        self._ring = RingWriter(ticks.size + updates.size + EXTRAS)
-        for part in (session, *(earlier for earlier, _ in session.earlier)):
-            part.watch = self._watch
-        self._pace, self._steps, self._time = Pace(), 0, 0.0
-        self._shown_at = self._asked_at = -math.inf
-        self._begin_to_pace()
-        self._speed = 1.0
+        self._session = session
+        self._pace, self._steps = Pace(), 0
         self.check: Callable[[None], None] = ignore
-        self._gaits = tuple(session.controller.feet.gaits)
-        link.send(Started(self._ring.name, config, self._gaits, tuple(config.maneuvers), **started))
+        super().__init__(config, session, link, **started)
+        for part, _ in session.earlier:
+            part.watch = self._watch
+        self._begin_to_pace()
 
-    def close(self) -> None:
-        """Give back the memory of the pictures."""
-        self._ring.close()
-
-    def _show(self, speed: float, paused: bool) -> None:
-        """Write the picture of the last recorded tick."""
-        report, ground = self._session.controller.report, self._session.controller.feet.ground
-        x, y, _ = report.com.tolist()
-        gait = self._gaits.index(report.gait.name) if report.gait.name in self._gaits else -1
-        self._parts[2][:] = (speed, paused, gait, *ground.slope, x, y, ground.height_at(x, y))
-        self._ring.write(*self._parts)
+    @property
+    def _halted(self) -> bool:
+        return self._pace.paused
 
     def _watch(self, tick: Tick) -> bool:
-        """Show a tick, keep pace with the clock, and fulfil wishes; return whether the run continues."""
-        now, self._time = perf_counter(), tick.sample.time
-        if now - self._asked_at > _WISHES_S:
-            self._asked_at = now
-            self._answer()
-        if now - self._shown_at > PICTURE_S:
-            self._shown_at = now
-            self._show(self._speed, self._pace.paused)
+        super()._watch(tick)
         if self._pace.paused:
             self._wait_for_step()
         self._keep_pace()
@@ -210,26 +143,21 @@ class ShownRun:
     def _wait_for_step(self) -> None:
         self._show(0.0, True)
         while self._pace.paused and self._steps == 0 and self._continues:
-            sleep(_WISHES_S)
+            sleep(WISHES_S)
             self._answer()
         self._steps = max(self._steps - 1, 0)
         self._begin_to_pace()
 
     def _answer(self) -> None:
-        """Fulfil the wishes that came."""
         self.check(None)
-        for wish in self._link.wishes():
-            try:
-                self._fulfil(wish)
-            except LgmpcError as error:
-                self._link.send(Note(str(error), error=True))
+        super()._answer()
 
     def _fulfil(self, wish: Any) -> None:
         if isinstance(wish, Pace):
             self._pace, self._steps = wish, self._steps + wish.steps
             self._begin_to_pace()
         else:
-            self._link.send(Note("this run follows its config; `lgmpc live` is driven from here", error=True))
+            super()._fulfil(wish)
 
 
 class LiveRun(ShownRun):
@@ -253,7 +181,7 @@ class LiveRun(ShownRun):
         self._pulls = Pulls(session)
         session, controller = replace(session, pushes=self._pulls), session.controller
         gaits = tuple(controller.feet.gaits)
-        controller.commands = self._commands = PageCommands("trot" if "trot" in gaits else gaits[-1])
+        controller.commands = self._commands = PageCommands(gaits, plans=config.mpc.enabled)
         self._tuner = Tuner(config, controller)
         self._config, self._changes = self._tuner.config, list[Change]()
         self._stop, self._out, self._failure = stop, out, ""
@@ -284,18 +212,13 @@ class LiveRun(ShownRun):
                     self._link.send(Note(ending, error=bool(self._failure), over=True))
                 while self.after is None:
                     self._answer()
-                    sleep(_WISHES_S)
+                    sleep(WISHES_S)
             except KeyboardInterrupt:
                 self._save()
                 raise
 
     def _fulfil(self, wish: Any) -> None:
         if isinstance(wish, CommandEntry):
-            gait, gaits = wish.gait, self._session.controller.feet.gaits
-            if gait is not None and gait not in gaits:
-                raise InputError("gait", gait, "the name of a gait", tuple(gaits), word=gait)
-            if not self._config.mpc.enabled:
-                raise InputError("mpc.enabled", False, "true: without a plan the robot only stands")
             self._commands.ask(wish)
         elif isinstance(wish, Order):
             self._commands.ask(CommandEntry(at_s=0.0, mode=_MODES[wish.name]))

@@ -161,7 +161,7 @@ def _serve(server: viser.ViserServer, pipe: Connection) -> None:
     """
     from lgmpc.live.history import History
     from lgmpc.live.page import Page
-    from lgmpc.live.session import PICTURE_S
+    from lgmpc.live.shown import PICTURE_S
     from lgmpc.live.wishes import Note, Started, Tune
 
     page, history = None, None
@@ -171,7 +171,7 @@ def _serve(server: viser.ViserServer, pipe: Connection) -> None:
             while pipe.poll(None if history is None else 0.0):
                 message = pipe.recv()
                 if isinstance(message, Started):
-                    page = Page(message.config, server, pipe) if page is None else page
+                    page = Page(message, server, pipe) if page is None else page
                     if history is not None:
                         history.close()
                         history = None

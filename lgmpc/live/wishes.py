@@ -103,7 +103,8 @@ class Started:
         config: the closed loop.
         gaits: names of gaits, by the number in pictures.
         maneuvers: names of planned motions.
-        tunable: settings that can change, with their values now; empty if nothing can be asked for.
+        tunable: settings that can change, with their values now.
+        deployed: whether the robot is at the end of a link.
     """
 
     ring: str
@@ -111,6 +112,7 @@ class Started:
     gaits: tuple[str, ...] = ()
     maneuvers: tuple[str, ...] = ()
     tunable: dict[str, Any] = field(default_factory=dict)
+    deployed: bool = False
 
 
 @dataclass(frozen=True)

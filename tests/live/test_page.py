@@ -41,15 +41,21 @@ SUPPORT = Path(__file__).parents[1] / "support"
 @contextmanager
 def live(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A live run, and the address of its page."""
-    command = [sys.executable, "-m", "lgmpc", "live", "solo12_velocity", "--no-browser", "--port", "0"]
+    own = ["--no-browser", "--port", "0", "--out", str(folder)]
+    with process_that_says("page: ", "live", "solo12_velocity", *own, *arguments) as started:
+        yield started
+
+
+@contextmanager
+def process_that_says(words: str, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A process of lgmpc, and what follows some words of what it prints."""
     environment = {**os.environ, "PYTHONPATH": str(SUPPORT), "PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(
-        [*command, "--out", str(folder), *arguments], stderr=subprocess.PIPE, text=True, env=environment
-    )
+    command = [sys.executable, "-m", "lgmpc", *arguments]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stderr is not None
-        line = next(line for line in process.stderr if line.startswith("page: "))
-        yield process, line.removeprefix("page: ").strip()
+        line = next(line for line in process.stderr if words in line)
+        yield process, line.partition(words)[2].strip()
     finally:
         process.kill()
         process.wait()
@@ -62,13 +68,13 @@ def visit(browser: Any) -> Iterator[Callable[[str], Any]]:
     problems: list[str] = []
     tabs = []
 
-    def visit(url: str) -> Any:
+    def visit(url: str, text: str = "real time") -> Any:
         tab = browser.new_page(viewport=SIZE)
         tab.set_default_timeout(PATIENCE)
         tab.add_init_script(GAMEPAD)
         tab.on("pageerror", lambda error: problems.append(str(error)))
         tab.goto(url)
-        tab.wait_for_selector("text=real time")
+        tab.wait_for_selector(f"text={text}")
         tabs.append(tab)
         return tab
 
@@ -154,6 +160,29 @@ def test_the_page_drives_pushes_and_tunes_the_robot_and_shows_a_failure(
     assert len(pushed) > 20
     before, during = log.momentum[pushed[0] - 1, :3], log.momentum[pushed[0] : pushed[-1] + 1, :3]
     assert np.linalg.norm(during - before, axis=1).max() / log.mass_kg > 0.02
+
+
+def test_the_page_arms_drives_and_stops_a_robot_in_another_process(
+    visit: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))  # of the secret that both ends share
+    served = ["robot", "solo12_velocity_inekf", "--port", "0", "--lock-step", "--set", "duration_s=300", "commands=[]"]
+    with process_that_says("waits for a controller at ", *served) as (_, address):
+        config = ["--set", "estimator={kind: inekf}", "deployment={silence_s: 30, lost_s: 60}"]
+        with live(tmp_path / "runs", "--robot", address, *config) as (process, url):
+            tab = visit(url, "disarmed")
+            assert tab.locator("text=pause").count() == 0
+            tab.click("role=button[name='arm']")
+            wait_for(tab, r"stand · [^]*armed")
+            tab.keyboard.down("i")
+            wait_for(tab, r"locomote[^]*ahead \+0\.[45]")
+            tab.keyboard.press("Space")  # the other key is still held
+            process.wait(60.0)
+            (path,) = (tmp_path / "runs").iterdir()
+    run = load_run(path)
+    assert isinstance(run, Run)
+    assert "emergency stop on the page" in run.result.verdict.reasons[0]
+    assert run.log.q[-1, 0] > 0.1
 
 
 def test_the_death_of_the_viewer_does_not_stop_the_run(tmp_path: Path) -> None:

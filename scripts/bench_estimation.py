@@ -19,7 +19,7 @@ from lgmpc.config.build import build_estimator, build_sensors
 from lgmpc.config.loading import load_config
 from lgmpc.config.robots import build_robot
 from lgmpc.control.interface import Measurement
-from lgmpc.estimation import ImuNoise, InvariantEkf, LegSensing, Preintegration
+from lgmpc.estimation import InvariantEkf, LegSensing
 from lgmpc.estimation.invariant_ekf import FORMS, ErrorForm
 from lgmpc.robot import Robot
 from lgmpc.simulation.plant import PlantSample
@@ -59,7 +59,7 @@ def resting(robot: Robot) -> Measurement:
 def filter_rows(robot: Robot, form: ErrorForm) -> None:
     """Print the times of one form of the filter, standing on four feet."""
     ekf = InvariantEkf(robot.nc, contact_offset=(0.0, 0.0, robot.contact_radius), form=form)
-    legs, gyro, force = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3), -robot.gravity
+    legs, gyro = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3)
     legs.update(resting(robot), np.eye(3), np.zeros(3), np.zeros(3))
     ekf.reset(np.eye(5), np.full(15, 0.01))
     for foot in range(robot.nc):
@@ -83,7 +83,7 @@ def main() -> None:
     robot = build_robot(config)
     for form in FORMS.values():
         filter_rows(robot, form)
-    legs, gyro, force = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3), -robot.gravity
+    legs, gyro = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3)
     still = resting(robot)
     row("leg sensing", timed(lambda: legs.update(still, np.eye(3), gyro, gyro)))
     estimator, sensors = build_estimator(config, robot), build_sensors(config, robot)
@@ -95,8 +95,6 @@ def main() -> None:
     estimator.update(reading)
     tick = timed(lambda: estimator.update(reading))
     row("estimator's whole tick", tick)
-    motion = Preintegration(ImuNoise(), np.zeros(3), np.zeros(3))
-    row("preintegration of one sample", timed(lambda: motion.integrate(gyro, force, PERIOD)))
     write_record(options.json, FIGURES)
 
 

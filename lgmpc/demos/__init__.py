@@ -22,7 +22,6 @@ SUMMARIES: Mapping[str, str] = MappingProxyType(
         "snake": "Three links rotate by changes of shape: holonomy and area",
         "rov": "Underwater vehicles: rising, righting, Munk's instability",
         "lee": "A quadrotor recovers from almost every attitude",
-        "preintegration": "IMU samples as one motion on SE_2(3), with its covariance",
         "inekf": "Invariant and quaternion filter from 45 degrees of error",
         "solo12-momentum": "Solo12 moves its legs in free fall: momentum balance",
     }

@@ -135,7 +135,7 @@ def _motion(period: float, n: int) -> tuple[Array, Array]:
     poses[0] = _pose(0.0)
     for k in range(n):
         step = exponential_increment(rates[k, :3], rates[k, 3:], period)
-        poses[k + 1] = propagate(poses[k], step.pose, DOWN, period)
+        poses[k + 1] = propagate(poses[k], step, DOWN, period)
     rates.flags.writeable = poses.flags.writeable = False
     return rates, poses
 

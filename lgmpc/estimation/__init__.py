@@ -1,7 +1,7 @@
 """Estimation of the floating base's motion, of contacts, external wrenches and friction."""
 
 from lgmpc.estimation.friction import FrictionMonitor
-from lgmpc.estimation.inertial import ImuNoise, Preintegration, exponential_increment, zero_order_hold_increment
+from lgmpc.estimation.inertial import ImuNoise, exponential_increment
 from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.estimation.joint_faults import JointFaultMonitor, JointFaultSettings
 from lgmpc.estimation.joint_friction import JointFrictionEstimator, JointFrictionSettings
@@ -25,10 +25,8 @@ __all__ = [
     "LeggedEstimator",
     "LeggedEstimatorSettings",
     "MeasurementMonitor",
-    "Preintegration",
     "StatePredictor",
     "SteadyForce",
     "WrenchObserver",
     "exponential_increment",
-    "zero_order_hold_increment",
 ]

@@ -9,7 +9,6 @@ With ``Phi = hat(phi)``, ``theta = |phi|`` and ``Phi^3 = -theta^2 Phi``, every p
     D J_left         needs  beta = b'/theta = (a - 2 b) / theta^2,  gamma = c'/theta = (b - 3 c) / theta^2
     D J_left^{-1}    needs  delta = d'/theta
     Gamma_2          = I/2 + c Phi + e Phi^2    e = (1/2 - b) / theta^2         double integral of exp
-    D Gamma_2        needs  gamma and epsilon = e'/theta = (c - 4 e) / theta^2
 
 The closed forms cancel digits where ``theta`` is small. Up to ``theta^2 = SEAM`` (just beyond pi^2, so that
 nothing switches inside the injectivity radius) they are therefore evaluated as series: all but ``d, delta`` as Taylor
@@ -45,7 +44,6 @@ __all__ = [
     "d",
     "delta",
     "e",
-    "epsilon",
     "gamma",
     "horner",
     "sinc",
@@ -87,7 +85,6 @@ _C = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 3)))
 _BETA = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 4)))
 _GAMMA = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 5)))
 _E = _alternating(lambda k: Fraction(1, math.factorial(2 * k + 4)))
-_EPSILON = _alternating(lambda k: Fraction(-2 * (k + 1), math.factorial(2 * k + 6)))
 _D = _pole_remainder()
 _DELTA = tuple(2.0 * k * r for k, r in enumerate(_D))[1:]
 
@@ -164,9 +161,6 @@ def _delta_near(t: Any) -> Any:
 
 delta = Coefficient(_delta_near, _delta_beyond)
 e = Coefficient(lambda t: horner(_E, t), lambda m, u, t: (0.5 * t + m.cos(u) - 1.0) / (t * t))
-epsilon = Coefficient(
-    lambda t: horner(_EPSILON, t), lambda m, u, t: (4.0 - t - u * m.sin(u) - 4.0 * m.cos(u)) / (t * t * t)
-)
 
 
 def sinc(theta: Scalar) -> Scalar:

@@ -13,16 +13,14 @@ from lgmpc.estimation import (
     ContactDetector,
     DelaySettings,
     FrictionMonitor,
-    ImuNoise,
     InvariantEkf,
     JointFrictionEstimator,
     LeggedEstimator,
     LegSensing,
-    Preintegration,
     StatePredictor,
     WrenchObserver,
 )
-from lgmpc.estimation.inertial import error_dynamics, exponential_increment, flow_differential, gravity_increment
+from lgmpc.estimation.inertial import error_dynamics, exponential_increment, gravity_increment
 from lgmpc.robot import Robot, RobotSpec, Sphere, load_robot, place_shape
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -43,11 +41,9 @@ def calls(robot: Robot) -> Iterator[tuple[Callable[..., Any], dict[str, Any]]]:
         InvariantEkf,
         {"contacts": 1, "slip": 0.01, "contact_offset": ZERO, "outlier_probability": 0.1},
     )
-    yield Preintegration, {"noise": ImuNoise(), "gyro_bias": ZERO, "accelerometer_bias": ZERO}
     yield exponential_increment, {"gyro": ZERO, "accelerometer": ZERO, "duration": 0.1}
     yield gravity_increment, {"gravity": ZERO, "duration": 0.1, "columns": 2}
     yield error_dynamics, {"gravity": ZERO, "columns": 2}
-    yield flow_differential, {"duration": 0.1, "columns": 2}
     yield place_shape, {"model": robot.model, "shape": Sphere(link="FL_FOOT", radius_m=0.1)}
     yield robot.frame, {"name": "FL_FOOT"}
     yield robot.body_frame, {"name": "base_link"}

@@ -106,7 +106,7 @@ def test_the_mean_is_predicted_as_by_propagation_and_spherical_feet_roll(form: E
     rates = np.arange(9.0).reshape(3, 3)
     true_gyro, true_force = gyro - ekf.gyro_bias, force - ekf.accelerometer_bias
     ekf.predict(gyro, force, dt, rates)
-    expected = propagate(pose, exponential_increment(true_gyro, true_force, dt).pose, GRAVITY, dt)
+    expected = propagate(pose, exponential_increment(true_gyro, true_force, dt), GRAVITY, dt)
     for foot in (0, 2):
         expected[:3, 5 + foot] += dt * np.cross(pose[:3, :3] @ (true_gyro + rates[foot]), OFFSET)
     np.testing.assert_allclose(ekf.pose, expected, atol=1e-14)
@@ -148,7 +148,7 @@ def test_the_covariance_is_predicted_with_the_jacobians_of_finite_differences(fo
     sample = np.concatenate([ekf.gyro_bias, ekf.accelerometer_bias]) + [0.8, -1.0, 2.0, 1.0, -2.0, 9.0]
 
     def step(start: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        return propagate(start, exponential_increment(rates[:3], rates[3:], dt).pose, GRAVITY, dt)
+        return propagate(start, exponential_increment(rates[:3], rates[3:], dt), GRAVITY, dt)
 
     estimate = step(pose, sample - biases)
 

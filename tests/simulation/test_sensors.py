@@ -45,7 +45,7 @@ def test_without_noise_the_imu_leads_from_state_to_state(plant_type, solo12, ran
             plant.step(np.full(12, 0.3))
         sample = plant.sense()
         reading = sensors.read(sample)
-        pose = propagate(pose, exponential_increment(reading.gyro, reading.accelerometer, period).pose, GRAVITY, period)
+        pose = propagate(pose, exponential_increment(reading.gyro, reading.accelerometer, period), GRAVITY, period)
         rotation = quaternion.to_matrix(sample.q[3:7])
         np.testing.assert_allclose(pose[:3, :3], rotation, atol=1e-11)
         np.testing.assert_allclose(pose[:3, 3], rotation @ sample.v[:3], atol=1e-10)

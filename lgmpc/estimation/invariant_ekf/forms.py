@@ -37,7 +37,7 @@ class Motion:
         after: the pose after the step.
         rolled: (3, k) displacements of the points by rolling feet, world axes, m: known, and part of ``after``.
         increment: (5 + k, 5 + k) the IMU's increment Upsilon.
-        jacobian: (9, 6) of the increment, see :class:`lgmpc.estimation.inertial.Increment`.
+        jacobian: (9, 6) of the increment: ``increment(w + dw, a + da) = increment exp(jacobian [dw; da])``.
         gravity: (3,) world axes, m/s2.
         duration: s.
     """

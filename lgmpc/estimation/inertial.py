@@ -6,20 +6,63 @@ r"""Inertial kinematics on SE_2(3) and SE_{2+k}(3): columns velocity, position, 
 
     X(t) = Gamma(t) phi_t(X(0)) Upsilon(t)                                   (Brossard et al., IEEE TRO 2021)
 
-with gravity's ``Gamma``, the free flow ``phi_t: p -> p + t v`` (an automorphism of the group) and ``Upsilon``, which
-depends on the measurements alone and is the result of preintegration.
+with gravity's ``Gamma``, the free flow ``phi_t: p -> p + t v`` (an automorphism of the group) and the increment
+``Upsilon``, which depends on the measurements alone.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import number, three, whole
-from lgmpc.lie import checks, so3
+from lgmpc.estimation.checks import duration_of, number, three, whole
+from lgmpc.lie import checks, coefficients, so3
+from lgmpc.lie.coefficients import b_c
+from lgmpc.settings import Noise, Settings
 from lgmpc.typing import Array
 
-__all__ = ["error_dynamics", "flow_differential", "free_flow", "gravity_increment", "propagate", "vector_field"]
+__all__ = [
+    "ImuNoise",
+    "error_dynamics",
+    "exponential_increment",
+    "free_flow",
+    "gravity_increment",
+    "propagate",
+    "vector_field",
+]
+
+
+class ImuNoise(Settings):
+    """Densities of white noise, as data sheets have them; a sample over ``dt`` has variance ``density^2 / dt``.
+
+    The random walk of a bias integrates white noise: it adds ``density^2 dt`` to the bias's variance.
+    """
+
+    gyro_noise_rad_s_rt_hz: Noise = Field(
+        default=1e-4, description="Density of the gyro's white noise, rad/s/sqrt(Hz)."
+    )
+    gyro_bias_walk_rad_s2_rt_hz: Noise = Field(
+        default=1e-5, description="Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
+    )
+    accelerometer_noise_m_s2_rt_hz: Noise = Field(
+        default=3e-4, description="Density of the accelerometer's white noise, m/s2/sqrt(Hz)."
+    )
+    accelerometer_bias_walk_m_s3_rt_hz: Noise = Field(
+        default=1e-4, description="Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
+    )
+
+    @property
+    def densities(self) -> tuple[float, float, float, float]:
+        """Densities of gyro, accelerometer, random walk of the gyro's bias and of the accelerometer's."""
+        return (
+            self.gyro_noise_rad_s_rt_hz,
+            self.accelerometer_noise_m_s2_rt_hz,
+            self.gyro_bias_walk_rad_s2_rt_hz,
+            self.accelerometer_bias_walk_m_s3_rt_hz,
+        )
 
 
 def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array) -> Array:
@@ -68,6 +111,33 @@ def gravity_increment(gravity: Array, duration: float, columns: int = 2) -> Arra
     return result
 
 
+def exponential_increment(gyro: Array, accelerometer: Array, duration: float) -> Array:
+    """Return ``Upsilon`` (5, 5) of body rates that are constant over ``duration``, exactly.
+
+    With ``phi = w dt`` and the integrals of the rotation ``Gamma_m(phi) = sum_k Phi^k / (k + m)!`` it is
+    ``(Gamma_0, Gamma_1 a dt, Gamma_2 a dt^2)``: Bloesch et al. (RSS 2012), Hartley et al. (IJRR 2020).
+
+    Args:
+        gyro: (3,) angular velocity, body axes, rad/s.
+        accelerometer: (3,) specific force, body axes, m/s2.
+        duration: s, positive.
+
+    Raises:
+        InputError: an argument that is no finite 3-vector, or a duration that is not positive.
+    """
+    force, dt = three("accelerometer", accelerometer), duration_of("duration", duration)
+    phi = dt * three("gyro", gyro)
+    angle = math.sqrt(phi @ phi)
+    b, c = b_c(angle)
+    turn = so3.hat.unchecked(phi)
+    square = turn @ turn
+    pose = np.eye(5)
+    pose[:3, :3] = so3.exp.unchecked(phi)
+    pose[:3, 3] = dt * (force + (b * turn + c * square) @ force)
+    pose[:3, 4] = dt**2 * (0.5 * force + (c * turn + coefficients.e(angle) * square) @ force)
+    return pose
+
+
 def propagate(pose: Array, increment: Array, gravity: Array, duration: float) -> Array:
     """Return ``Gamma phi(pose) Upsilon``: the pose after ``duration`` s.
 
@@ -104,14 +174,6 @@ def error_dynamics(gravity: Array, columns: int = 2) -> Array:
     result = np.zeros((3 + 3 * columns, 3 + 3 * columns))
     result[3:6, :3] = so3.hat(three("gravity", gravity))
     result[6:9, 3:6] = np.eye(3)
-    return result
-
-
-def flow_differential(duration: float, columns: int = 2) -> Array:
-    """Return the differential of :func:`free_flow` at the identity: ``phi_t(exp(x)) = exp(F x)``."""
-    whole("columns", columns, "at least 2: velocity and position", 2)
-    result = np.eye(3 + 3 * columns)
-    result[6:9, 3:6] = _time("duration", duration) * np.eye(3)
     return result
 
 

@@ -59,7 +59,7 @@ def resting(robot: Robot) -> Measurement:
 def filter_rows(robot: Robot, form: ErrorForm) -> None:
     """Print the times of one form of the filter, standing on four feet."""
     ekf = InvariantEkf(robot.nc, contact_offset=(0.0, 0.0, robot.contact_radius), form=form)
-    legs, gyro = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3)
+    legs, gyro, force = LegSensing(robot, PERIOD, 1e-4, 1e-3), np.zeros(3), -robot.gravity
     legs.update(resting(robot), np.eye(3), np.zeros(3), np.zeros(3))
     ekf.reset(np.eye(5), np.full(15, 0.01))
     for foot in range(robot.nc):

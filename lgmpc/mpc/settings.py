@@ -84,7 +84,7 @@ class MpcSettings(Settings):
     stale_after: Count = Field(
         default=5, description="Number of consecutive failed updates after which the plan is no longer used."
     )
-    qp_solver: Literal["active_set", "osqp", "piqp", "proxqp"] = Field(
+    qp_solver: Literal["active_set", "osqp", "piqp"] = Field(
         default="active_set",
         description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
         " small stages and in dense blocks for large ones.",

@@ -11,12 +11,10 @@ from numpy.typing import ArrayLike
 
 from lgmpc.actions import Action, StageValue
 from lgmpc.errors import InputError
-from lgmpc.state import StateMultibody
 from lgmpc.typing import Array, identifier, numbers
 
 __all__ = ["ShootingProblem", "Trajectory"]
 
-_NEWTON_STEPS = 20
 FEASIBLE = 1e-6
 """Violation up to which a first state counts as feasible."""
 
@@ -224,28 +222,6 @@ class ShootingProblem:
         """Return the guess with the first state at all nodes and zero controls."""
         return Trajectory(np.tile(self.x0, (self.nodes + 1, 1)), np.zeros((self.nodes, self.nu)))
 
-    def quasi_static(self, xs: ArrayLike) -> Array:
-        """Return the controls (N, nu) under which the robot moves least.
-
-        Each minimises the distance of the next state from the state, in tangent coordinates; of several such controls
-        it is the smallest. It balances gravity, with the contacts of its node.
-
-        Args:
-            xs: (N, nx) or (N+1, nx) states; a robot's velocities are taken as zero.
-
-        Raises:
-            InputError: wrong shape, or not finite.
-        """
-        nx = self.state.nx
-        states = numbers("xs", xs, (self.nodes, nx), (self.nodes + 1, nx), finite=True).copy()
-        if isinstance(self.state, StateMultibody):
-            states[:, nx - self.state.ndx // 2 :] = 0.0
-        us = np.zeros((self.nodes, self.nu))
-        for k, action in enumerate(self.actions):
-            p = self.parameters[k, : action.parameters.size]
-            us[k, : action.nu] = _holding_control(action, states[k], p)
-        return us
-
     def rollout(self, us: ArrayLike) -> Trajectory:
         """Simulate the dynamics from the first state under given controls (N, nu).
 
@@ -301,24 +277,6 @@ class ShootingProblem:
             known = {key: None for k in range(self.nodes + 1) for key in self.action_at(k).parameters}
             raise InputError("parameter", name, "a parameter of an action", tuple(known))
         return chosen
-
-
-def _holding_control(action: Action, x: Array, p: Array) -> Array:
-    """Return the control (nu,) with the least distance of the next state from the state, by Gauss-Newton steps."""
-    u = np.zeros(action.nu)
-    if action.nu == 0:
-        return u
-    least = np.inf
-    best = u
-    for _ in range(_NEWTON_STEPS):
-        found = action.quadratic_function(x=x, u=u, x_next=x, p=p)
-        gap = found["b"].full()[:, 0]
-        distance = float(np.linalg.norm(gap))
-        if not distance < (1.0 - 1e-6) * least:
-            break
-        least, best = distance, u
-        u = u - np.linalg.lstsq(found["B"].full(), gap, rcond=1e-10)[0]
-    return best
 
 
 def _one_each(action: Action | Sequence[Action], nodes: int | None) -> tuple[Action, ...]:

@@ -49,7 +49,7 @@ CASES = {
     ),
     "without the MPC": ("solo12_balance", [*STANDING, "mpc.enabled=false"], 0.063),
     "quadratic programmes by ProxQP": (
-        "solo12_balance", [*STANDING, "wbc.solver=proxqp", "mpc.qp_solver=proxqp"], 0.063,
+        "solo12_balance", [*STANDING, "wbc.solver=proxqp", "mpc.qp_solver=osqp"], 0.063,
     ),
     "late, noisy, lossy, with an estimator": (
         "solo12_balance_as_built", [*STANDING, "timing.computing=modelled", "plant.link.dropped_commands=0.05"], 0.063,

@@ -206,7 +206,7 @@ def test_before_any_success_the_weight_is_shared() -> None:
     assert update(mpc, 0.31, STANDING).status is MpcStatus.SOLVED
 
 
-@pytest.mark.parametrize("qp_solver", [name for name in QP_SOLVERS if name != "proxqp"])  # seconds, and a status
+@pytest.mark.parametrize("qp_solver", QP_SOLVERS)
 @pytest.mark.parametrize("distance", [1.0, 1e3, 1e200])
 def test_absurd_states_end_in_a_status(qp_solver: str, distance: float) -> None:
     mpc = make(qp_solver=qp_solver, weights=CentroidalWeights(angular_momentum=1e3))

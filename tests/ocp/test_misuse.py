@@ -143,7 +143,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "problem.set_initial_state": (lambda **k: reach().set_initial_state(**k), dict(x0=np.zeros(12))),
     "problem.evaluate": (lambda **k: reach().evaluate(**k), dict(node=0, x=np.zeros(12), u=np.zeros(6))),
     "problem.action_at": (lambda **k: reach().action_at(**k), dict(node=0)),
-    "problem.quasi_static": (lambda **k: reach().quasi_static(**k), dict(xs=np.zeros((3, 12)))),
     "problem.rollout": (lambda **k: reach().rollout(**k), dict(us=np.zeros((3, 6)))),
     "problem.check": (lambda **k: reach().check(**k), dict(guess=still())),
     "Trajectory": (

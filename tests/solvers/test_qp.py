@@ -23,13 +23,11 @@ ACCURACY = {
     "active_set": 1e-5,
     "piqp": 1e-5,
     "osqp": 1e-3,
-    "proxqp": 2e-5,
 }
 FORCE_ACCURACY = {
     "active_set": 1e-5,
     "piqp": 1e-5,
     "osqp": 1.0,
-    "proxqp": 1e-4,
 }
 
 
@@ -224,7 +222,6 @@ def test_unknown_names_are_named(cart: ShootingProblem) -> None:
     [
         ("osqp", "osqp.ext_builtin", "pip install .osqp"),
         ("piqp", "piqp", "pip install .piqp"),
-        ("proxqp", "lgmpc.proxqp", "pip install .proxsuite"),
         ("active_set", "piqp", "pip install .piqp"),
     ],
 )

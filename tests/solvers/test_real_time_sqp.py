@@ -10,7 +10,7 @@ from samples import Unicycle
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import NlpSettings, NlpSolver, RealTimeSqp, Solution, Status
-from lgmpc.solvers.qp import ActiveSetSolver, PiqpSolver, ProxqpSolver
+from lgmpc.solvers.qp import ActiveSetSolver, PiqpSolver
 
 Make = Callable[..., ShootingProblem]
 PUSHES = {
@@ -23,7 +23,6 @@ PUSHES = {
 ACCURATE = {
     "active_set": lambda qp: ActiveSetSolver(qp, 1e-9, fallbacks=[ACCURATE["piqp"](qp)]),
     "piqp": lambda qp: PiqpSolver(qp, 1e-10),
-    "proxqp": lambda qp: ProxqpSolver(qp, 1e-9),
 }
 
 

@@ -8,12 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action, ContactForwardDynamics, FreeForwardDynamics, MultibodyAction
+from lgmpc.actions import Action, FreeForwardDynamics, MultibodyAction
 from lgmpc.costs import Bounded, ConstraintItem, Cost, CostItem, CostTerm, Parameter, ParameterLayout
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.robot import RobotSpec, load_robot
 from lgmpc.solvers import (
     AugmentedLagrangianFddp,
     BoxFddp,
@@ -121,31 +120,6 @@ def test_callbacks_receive_the_iterate(swing: ShootingProblem) -> None:
     assert history.reports[0].iterate is None
     with pytest.raises(InputError, match="Did you mean gap"):
         history.column("gaps")
-
-
-def test_quasi_static_controls_hold_the_robot(swing: ShootingProblem) -> None:
-    xs = np.array([[0.1 * k, 3.0] for k in range(10)])
-    us = swing.quasi_static(xs)
-    model = swing.action.dynamics.model
-    expected = [pin.computeGeneralizedGravity(model, model.createData(), x[:1]) for x in xs]
-    np.testing.assert_allclose(us, expected, rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match="xs: got shape"):
-        swing.quasi_static(xs[:4])
-
-
-def test_quasi_static_efforts_carry_a_robot_on_its_feet() -> None:
-    feet = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
-    robot = load_robot(
-        RobotSpec(
-            model="solo12", contact_frames=feet, effort_limit_nm=1.8, velocity_limit_rad_s=30.0,
-            position_limit_rad=(-3.0, 3.0),
-        )
-    )  # fmt: skip
-    problem = ShootingProblem(MultibodyAction("stands", ContactForwardDynamics(robot.model, feet)), 2)
-    us = problem.quasi_static(np.tile(robot.x_reference, (3, 1)))
-    there = problem.evaluate(0, robot.x_reference, us[0]).x_next
-    np.testing.assert_allclose(problem.state.diff(robot.x_reference, there), 0.0, atol=1e-10)
-    assert np.abs(us).max() > 0.1
 
 
 class Rewarded(Action):

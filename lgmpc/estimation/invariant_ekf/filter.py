@@ -20,7 +20,6 @@ from lgmpc.estimation.invariant_ekf.programme import (
     augmentation,
     correction,
     height_correction,
-    known_landmark_correction,
     pose_correction,
     prediction,
     velocity_correction,
@@ -34,7 +33,7 @@ _BASE_SIZES = {"pose": 12, "velocity": 3}
 
 
 class InvariantEkf:
-    r"""Base motion, contact points and IMU biases from an IMU, leg kinematics and landmarks of known position.
+    r"""Base motion, contact points and IMU biases from an IMU and leg kinematics.
 
     The state is an extended pose in SE_{2+k}(3), columns velocity, position and k contact points (world axes), with a
     gyro and an accelerometer bias beside it (Hartley, Ghaffari, Eustice and Grizzle, IJRR 2020).
@@ -44,8 +43,7 @@ class InvariantEkf:
 
     Position and yaw are not observable from feet: they drift, and the right-invariant form adds no false information
     about them: a shift or turn of the world is the same error at any estimate. The left-invariant form and the
-    quaternion filter gain some by every correction. Landmarks of known position, measured relative to the base by a
-    camera or another sensor, make both observable.
+    quaternion filter gain some by every correction. External poses of the base make both observable.
 
     All memory is allocated once: contacts are added and removed by flags, and no array changes its size.
 
@@ -111,7 +109,7 @@ class InvariantEkf:
         self._gate, self._squares = np.array([chi_square_bound(outlier_probability)]), np.zeros(contacts)
         self._flags, self._selected = np.zeros(contacts), np.zeros(contacts)
         self._used = np.zeros(contacts, dtype=np.bool_)
-        self._one_point, self._one_noise, self._known = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+        self._one_point, self._one_noise = np.zeros(3), np.zeros((3, 3))
         self._height, self._given, self._square = np.zeros(2), np.zeros(15), np.zeros(1)
         offset = three("contact_offset", contact_offset)
         densities = (*noise.densities, slip)
@@ -297,22 +295,6 @@ class InvariantEkf:
         np.greater(self._squares, self._gate, out=self._rejected)
         self._state[:] = self._scratch
 
-    def correct_known_landmark(self, position: Array, measured: Array, covariance: Array) -> None:
-        """Correct the estimate with a measured landmark of known position in the world.
-
-        Args:
-            position: (3,) of the landmark, world axes, m; exact.
-            measured: (3,) from the base to the landmark, body axes, m.
-            covariance: (3, 3) of ``measured``, m2; positive definite.
-
-        Raises:
-            InputError: arrays that are not finite or of another shape.
-        """
-        write("position", position, self._known)
-        self._write_one(measured, covariance)
-        self._known_landmark_correction()
-        self._state[:] = self._scratch
-
     def correct_pose(self, pose: Array, deviations: tuple[float, float], gate: float = math.inf) -> float:
         """Correct the estimate with a measured pose of the base.
 
@@ -388,11 +370,6 @@ class InvariantEkf:
     @functools.cached_property
     def _velocity_correction(self) -> Callable[[], int]:
         return self._bind_correction(velocity_correction, {"given": self._given[:5], "square": self._square})
-
-    @functools.cached_property
-    def _known_landmark_correction(self) -> Callable[[], int]:
-        inputs = {"measured": self._one_point, "noise": self._one_noise.ravel(), "landmark": self._known}
-        return self._bind_correction(known_landmark_correction, inputs)
 
     @functools.cached_property
     def _height_correction(self) -> Callable[[], int]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion, Observation
+from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion
 from lgmpc.lie import coefficients
 from lgmpc.lie.symbolic import sek3, so3
 
@@ -18,7 +18,6 @@ __all__ = [
     "augmentation",
     "correction",
     "height_correction",
-    "known_landmark_correction",
     "pose_correction",
     "prediction",
     "velocity_correction",
@@ -149,32 +148,6 @@ def correction(form: ErrorForm, contacts: int) -> ca.Function:
     )
 
 
-def known_landmark_correction(form: ErrorForm, contacts: int) -> ca.Function:
-    """Return the Kalman update with the measured position of a landmark of known position in the world.
-
-    Inputs: ``pose``, ``bias``, ``covariance``, ``measured`` (3,) base to landmark, body axes, ``noise`` (3, 3) its
-    covariance, ``landmark`` (3,) world axes.
-
-    The landmark is observed like a point of the state. Its plain difference from the truth is zero, but not its error
-    in every form: the right-invariant one depends on the attitude's error about the world's origin.
-    """
-    pose, bias, covariance = _state(contacts)
-    measured, noise, landmark = ca.SX.sym("measured", 3), ca.SX.sym("noise", 3, 3), ca.SX.sym("landmark", 3)
-    before = _assume_group(pose)
-    placed = _with_point(before, landmark)
-    observation, change = form.observe(placed, 0, measured, ca.SX(3, 1)), form.from_differences(placed)
-    matrix = observation.matrix[:, :9]
-    matrix[:, :3] += observation.matrix[:, 9:] @ change[9:, :3] @ change[:3, :3].T
-    gain = covariance[:, :9] @ matrix.T
-    return ca.Function(
-        f"inekf_correct_known_landmark_{form.name}_{contacts}",
-        [pose, bias, covariance, measured, noise, landmark],
-        _update(form, (before, bias, covariance), observation, noise, gain, matrix @ gain[:9, :]),
-        ["pose", "bias", "covariance", "measured", "noise", "landmark"],
-        _CORRECTED,
-    )
-
-
 def height_correction(form: ErrorForm, contacts: int) -> ca.Function:
     """Return the Kalman update with the known height of a point that is part of the state.
 
@@ -273,17 +246,6 @@ def _state(points: int) -> tuple[Any, Any, Any]:
 def _with_point(pose: Any, point: Any) -> Any:
     """Return the (6, 6) pose of the base alone, with one point."""
     return _pack(pose[:3, :3], ca.horzcat(pose[:3, 3:5], point))
-
-
-def _update(
-    form: ErrorForm, state: tuple[Any, Any, Any], observation: Observation, noise: Any, gain: Any, spread: Any
-) -> list[Any]:
-    """Return pose, bias and covariance after one observation, from ``P H^T`` and ``H P H^T``."""
-    before, bias, covariance = state
-    factor = _cholesky(spread + observation.axes @ noise @ observation.axes.T)
-    scaled = _solve_lower(factor, gain.T).T
-    error = scaled @ _solve_lower(factor, observation.innovation)
-    return [*_corrected(form, before, bias, error), _symmetric(covariance - scaled @ scaled.T)]
 
 
 def _corrected(form: ErrorForm, before: Any, bias: Any, error: Any) -> list[Any]:

@@ -8,7 +8,7 @@ from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
 from lgmpc.solvers.qp.active_set import ActiveSetSolver
 from lgmpc.solvers.qp.dense_riccati import DenseRiccati
-from lgmpc.solvers.qp.general import OsqpSolver, PiqpSolver, ProxqpSolver
+from lgmpc.solvers.qp.general import OsqpSolver, PiqpSolver
 from lgmpc.solvers.qp.protocol import LARGE_STAGE, QpSolution, QpSolver, RiccatiSolver
 from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
 from lgmpc.typing import instance
@@ -20,7 +20,6 @@ __all__ = [
     "DenseRiccati",
     "OsqpSolver",
     "PiqpSolver",
-    "ProxqpSolver",
     "QpSolution",
     "QpSolver",
     "RiccatiSolver",
@@ -28,9 +27,8 @@ __all__ = [
     "make_qp_solver",
 ]
 
-_MAKERS: dict[str, Callable[[OcpQp], QpSolver]] = {
-    kind.name: kind for kind in (ActiveSetSolver, PiqpSolver, OsqpSolver, ProxqpSolver)
-}
+_KINDS = ActiveSetSolver, PiqpSolver, OsqpSolver
+_MAKERS: dict[str, Callable[[OcpQp], QpSolver]] = {kind.name: kind for kind in _KINDS}
 QP_SOLVERS: tuple[str, ...] = tuple(_MAKERS)
 """Names that :func:`make_qp_solver` accepts."""
 

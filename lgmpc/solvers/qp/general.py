@@ -1,4 +1,4 @@
-"""Packages that solve general sparse quadratic programmes: PIQP, OSQP and ProxQP, on one assembly of the problem.
+"""Packages that solve general sparse quadratic programmes: PIQP and OSQP, on one assembly of the problem.
 
     minimise 1/2 z^T P z + c^T z    subject to    E z = e,    lower <= G z <= upper,
     z = [du_0, dx_1, du_1, dx_2, ..., du_{N-1}, dx_N]
@@ -24,13 +24,12 @@ from lgmpc.solvers.sweep import all_finite
 from lgmpc.status import Status
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["GeneralQpSolver", "OsqpSolver", "PiqpSolver", "ProxqpSolver"]
+__all__ = ["GeneralQpSolver", "OsqpSolver", "PiqpSolver"]
 
 KKT_SOLVERS = ("sparse_ldlt", "sparse_multistage")
 _FAR = 1e3  # times the tolerance: a point that is further from feasible than this is no approximate solution
 _NEAR = 1e-6  # a point that is nearer than this is one, whatever the tolerance
 _INFINITY = 1e30  # OSQP's
-_PROXQP_INNER = 50  # with hundreds of active rows ProxQP may need thousands of iterations, of milliseconds each
 
 
 class _GatheredMatrix:
@@ -71,8 +70,6 @@ class GeneralQpSolver(ABC):
     """Of the package."""
     package: ClassVar[str]
     """With its versions, as pip takes it."""
-    triangular: ClassVar[bool] = True
-    """True if the package takes the upper triangle of P."""
     stacked: ClassVar[bool] = False
     """True if it takes [E; G] as one matrix."""
     warm_started: ClassVar[bool] = True
@@ -148,8 +145,7 @@ class GeneralQpSolver(ABC):
         cross, last = place("S", later, u_at, x_at), np.array([size - ndx])
         parts = [place("Q", later, x_at, x_at), place("R", stages, u_at, u_at), cross, cross[[1, 0, 2]]]
         hessian = np.hstack([*parts, _place(s.terminal_blocks["Q"], np.array([n * s.size]), last, last)])
-        if self.triangular:
-            hessian = hessian[:, hessian[0] <= hessian[1]]
+        hessian = hessian[:, hessian[0] <= hessian[1]]  # both packages take the upper triangle
         self._hessian = _GatheredMatrix((size, size), hessian)
 
         row = np.arange(self._equalities)
@@ -344,46 +340,6 @@ class OsqpSolver(GeneralQpSolver):
         hessian, constraint = (module.CSC(each.matrix) for each in (self._hessian, self._constraints[0]))
         sizes = self._y.size, self._z.size
         self._solver = module.OSQPSolver(hessian, self._gradient, constraint, self._lower, self._upper, *sizes, options)
-
-
-class ProxqpSolver(GeneralQpSolver):
-    """ProxQP: a primal-dual augmented Lagrangian method (Bambade, El-Kazdadi, Taylor, Carpentier, RSS 2022).
-
-    It is warm-started in y.
-    """
-
-    name, module, package = "proxqp", "lgmpc.proxqp", "proxsuite>=0.7,<0.9"
-    triangular = False
-    statuses: ClassVar[dict[str, Status]] = {
-        "PROXQP_SOLVED": Status.CONVERGED,
-        "PROXQP_MAX_ITER_REACHED": Status.ITERATION_LIMIT,
-        "PROXQP_PRIMAL_INFEASIBLE": Status.INFEASIBLE,
-        "PROXQP_DUAL_INFEASIBLE": Status.UNBOUNDED,
-    }
-
-    def __init__(self, qp: OcpQp, tolerance: float = 1e-6, max_iterations: int = 20) -> None:
-        super().__init__(qp, tolerance, max_iterations)
-
-    def _run(self) -> Status:
-        m, data, proxqp = self._equalities, self._data(), self._module.proxqp
-        if self._solver is None:
-            self._solver = proxqp.sparse.QP(self._z.size, m, self._y.size - m)
-            options = self._solver.settings
-            options.eps_abs, options.eps_rel = self.tolerance, 0.0
-            options.max_iter, options.max_iter_in = self.max_iterations, _PROXQP_INNER
-            options.initial_guess = proxqp.InitialGuess.WARM_START
-            self._solver.init(*data)
-        else:
-            self._solver.update(*data, False)
-        self._solver.solve(np.zeros_like(self._z), self._y[:m], self._y[m:])
-        results = self._solver.results
-        self.iterations = int(results.info.iter)
-        status = self.statuses.get(results.info.status.name, Status.FAILED)
-        if status.usable:
-            self._z[:] = results.x
-            self._y[:m] = results.y
-            self._y[m:] = results.z
-        return status
 
 
 def _place(block: Block, sources: IntArray, rows: IntArray, columns: IntArray) -> IntArray:

@@ -162,3 +162,25 @@ def test_talos_steps_against_a_push_on_its_torso_and_stays_upright(impulse):
     assert np.degrees(np.arccos(upright)).max() < 12.0
     assert np.abs(log.momentum[-1, :2]).max() / log.mass_kg < 0.4
     assert (log.wbc_status == log.wbc_status[0]).all()
+
+
+@pytest.mark.slow
+def test_bolt_keeps_itself_up_on_two_points_by_stepping():
+    push = "pushes=[{body: base_link, time_s: 1.0, duration_s: 0.1, impulse_ns: [0.0, 0.3, 0.0]}]"
+    result = prepare(load_config("bolt_step", [push, "duration_s=3.0"])).run(lambda progress: None)
+    log, walking = result.log, result.metrics.walking
+    assert not result.metrics.fell and walking.walking_tilt_deg < 10.0 and walking.recovery_time_s < 1.0
+    left, right = log.foot_centres.transpose(1, 0, 2)
+    assert (left - right)[:, 1].min() > 0.1  # of 0.2 m: its legs do not cross
+
+
+@pytest.mark.slow
+def test_talos_leans_to_reach_and_holds_its_hand_against_a_pull():
+    """Its trunk leans, its hips go back, its centre of mass stays above its soles."""
+    config = load_config("talos_reach_stand", ["duration_s=5.3", "wbc.hands.0.moves.1.at_s=5.2"])
+    log = prepare(config).run(lambda progress: None).log
+    ends = log.time > 4.4
+    assert np.linalg.norm(log.hand_poses[ends, 0, :2] - [0.7, 0.2], axis=1).max() < 0.005
+    toes = log.contact_points[0, :, 0].max()
+    assert log.hand_poses[-1, 0, 0] > toes + 0.6 and np.abs(log.com[ends, 0] - log.com[0, 0]).max() < 0.03
+    assert log.tilt_deg[ends].min() > 10.0 and (log.wbc_status == log.wbc_status[0]).all()

@@ -76,10 +76,11 @@ def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:
         yield config.error(
             "robot.contact_frames", "no frames", f"the feet that {robot.name} stands on", _likely_feet(robot)
         )
-    elif not _spans_area(robot):
+    elif not (_spans_area(robot) or (robot.nc > 1 and _always_steps(config))):
         frames = ", ".join(robot.contact_frames)
         got = f"{robot.nc} contact point{'s on one line' if robot.nc > 1 else ''} ({frames})"
         expected = "three or more that are not on one line, or soles: robot.feet instead of contact_frames"
+        expected += "; or two that always step: commands from at_s 0 on that are never zero" if robot.nc > 1 else ""
         yield config.error("robot.contact_frames", got, expected)
     points = point_masses(robot.model)
     if points and config.plant.kind == "mujoco":
@@ -124,6 +125,13 @@ def _spans_area(robot: Robot) -> bool:
     points = np.array([data.oMf[frame].translation[:2] for frame in robot.contact_ids])
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return robot.nc >= 3 and bool(extents[1] > _NARROWEST * extents[0])
+
+
+def _always_steps(config: Config) -> bool:
+    """Return whether the commands have a robot step from the start to the end, as two points cannot stand."""
+    commands = config.commands
+    begun = bool(commands) and commands[0].at_s == 0.0
+    return begun and all(any(c.velocity_m_s or ()) or bool(c.yaw_rate_rad_s) for c in commands)
 
 
 def _likely_feet(robot: Robot) -> list[str]:

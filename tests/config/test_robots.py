@@ -109,6 +109,14 @@ def test_three_contact_points_on_one_line_are_refused_and_others_are_not(tmp_pat
         build_robot(parse_config(text % straight))
 
 
+def test_two_points_are_enough_for_a_robot_that_always_steps() -> None:
+    commands = "commands=[{at_s: %g, velocity_m_s: [%g, 0.0, 0.0], gait: walk}]"
+    assert build_robot(load_config("bolt_step", [commands % (0.0, 0.1)])).nc == 2
+    for at, speed in ((0.5, 0.1), (0.0, 0.0)):
+        with pytest.raises(ConfigError, match=r"2 contact points on one line .*; or two that always step: commands"):
+            build_robot(load_config("bolt_step", [commands % (at, speed)]))
+
+
 def test_bodies_without_rotational_inertia_are_an_error_for_mujoco() -> None:
     text = "name: x\nrobot: {model: icub_reduced, contact_frames: [l_sole, r_sole, l_hand]}\n"
     config = parse_config(text)

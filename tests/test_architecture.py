@@ -67,7 +67,7 @@ ARROWS: dict[str, str] = {
     "config.solving": "actions ocp problems robot runs solvers",
     "config.closed_loop": f"{_PARTS} world simulation control runs",
     "config.deploying": f"{_PARTS} world simulation control hardware runs",
-    "config.exporting": "runs wbc",
+    "config.exporting": "mpc runs wbc",
     "config.extensions": "costs mpc robot wbc",
     "config.execution": "ocp problems robot world runs solvers viz",
     "config.showing": "robot world problems solvers runs viz",

@@ -277,7 +277,7 @@ def export(
     ] = None,
     c: Annotated[
         Path | None,
-        option("The whole-body tick as a C library, with the run's ticks to replay.", "--c", metavar="FOLDER"),
+        option("Whole-body tick and MPC update as C libraries, with the run's to replay.", "--c", metavar="FOLDER"),
     ] = None,
     table: Annotated[
         str | None,
@@ -306,13 +306,13 @@ def export(
     for file in wanted.values():
         stdout().print(f"wrote {write(folder, file, table)}", markup=False)
     if c is not None:
-        from lgmpc.config.exporting import export_tick
+        from lgmpc.config.exporting import export_controller
 
-        ticks = export_tick(folder, c)
-        stdout().print(f"wrote {c}: C sources and {ticks} ticks. Build and replay them:", markup=False)
-        stdout().print(
-            f"  cmake -S {c} -B {c}/build && cmake --build {c}/build && {c}/build/replay {c}/ticks.bin", markup=False
-        )
+        ticks, updates = export_controller(folder, c)
+        of_mpc = f", {updates} updates of the MPC" if updates else ""
+        stdout().print(f"wrote {c}: C sources and {ticks} ticks{of_mpc}. Build and replay them:", markup=False)
+        build = f"cmake -S {c} -B {c}/build && cmake --build {c}/build"
+        stdout().print(f"  {build} && ctest --test-dir {c}/build --verbose", markup=False)
 
 
 @_command

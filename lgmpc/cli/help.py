@@ -76,7 +76,7 @@ lgmpc export latest --csv run.csv --parquet run.parquet
 lgmpc export latest --csv updates.csv --table mpc
 lgmpc export latest --mcap run.mcap --rrd run.rrd     for Foxglove and rerun
 lgmpc export sweeps/random_1000 --dataset walks     the runs that it kept, for LeRobot
-lgmpc export latest --c tick                        the whole-body controller in C, for robots without Python
+lgmpc export latest --c tick                        whole-body controller and MPC in C, for robots without Python
 
 plot
 lgmpc plot latest                          into the run's own folder, figures/

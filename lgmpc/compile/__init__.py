@@ -16,7 +16,7 @@ Environment:
 
 from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
 from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
-from lgmpc.compile.index import cached
+from lgmpc.compile.index import cached, made_anew
 from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
 from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, reporting, sequence_of
 from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
@@ -41,6 +41,7 @@ __all__ = [
     "inspect_cache",
     "jit_enabled",
     "cached",
+    "made_anew",
     "reporting",
     "sequence_of",
 ]

@@ -25,7 +25,8 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -60,6 +61,19 @@ _JUST_NOW = 2_000_000_000
 """Files that changed less than this before the import, ns, may have changed after it: clocks of files are coarse."""
 
 
+_anew: ContextVar[bool] = ContextVar("lgmpc_compile_anew", default=False)
+
+
+@contextlib.contextmanager
+def made_anew() -> Iterator[None]:
+    """Have :func:`cached` make its results anew within the block: their libraries then know their sources."""
+    token = _anew.set(True)
+    try:
+        yield
+    finally:
+        _anew.reset(token)
+
+
 def cached(make: Callable[..., T], *arguments: Any) -> T:
     """Return ``make(*arguments)``, from the cache if it was made before from equal arguments.
 
@@ -74,7 +88,7 @@ def cached(make: Callable[..., T], *arguments: Any) -> T:
         CompileError: the compiler failed.
         InputError: the environment (cache folder, ``CC``) cannot be used; or from ``make``.
     """
-    compiler = compiler_for_functions()
+    compiler = None if _anew.get() else compiler_for_functions()
     content = None if compiler is None else _content(make, arguments)
     index = None if content is None else _index()
     if compiler is None or content is None or index is None:

@@ -23,10 +23,12 @@ from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
 __all__ = [
+    "address_of",
     "aligned_zeros",
     "bind_library",
     "compile_source",
     "frame_of",
+    "function_at",
     "load_library",
     "reporting",
     "sequence_of",
@@ -107,7 +109,7 @@ def _load(name: str, content: Sequence[str], write: Callable[[], Sequence[str]],
     entry = find_entry(folder, name, key)
     if entry is not None:
         try:
-            return ctypes.CDLL(str(entry))
+            return _with_sources(ctypes.CDLL(str(entry)), write)
         except OSError as error:
             _log.warning("cache entry %s does not load (%s): it is built again", entry.name, error)
             discard(entry)
@@ -133,7 +135,29 @@ def _load(name: str, content: Sequence[str], write: Callable[[], Sequence[str]],
         remedy = "is the cache on a volume that forbids execution? Choose another with LGMPC_CACHE_DIR"
         raise CompileError(name, f"loading {entry}", f"{error}; {remedy}") from error
     report(f"compiled '{name}' in {time.perf_counter() - start:.1f} s")
+    return _with_sources(library, write)
+
+
+def _with_sources(library: ctypes.CDLL, write: Callable[[], Sequence[str]]) -> ctypes.CDLL:
+    """Return the library with the function that writes its C files."""
+    library.sources = write  # type: ignore[attr-defined]
     return library
+
+
+_functions: dict[int, tuple[ctypes.CDLL, str]] = {}  # by their addresses, for images of the memory
+
+
+def address_of(library: ctypes.CDLL, symbol: str) -> int:
+    """Return the address of a library's function, which :func:`function_at` recognises from then on."""
+    address = ctypes.cast(library[symbol], ctypes.c_void_p).value
+    assert address is not None
+    _functions[address] = library, symbol
+    return address
+
+
+def function_at(address: int) -> tuple[ctypes.CDLL, str] | None:
+    """Return the library and name of the function at an address of :func:`address_of`."""
+    return _functions.get(address)
 
 
 def aligned_zeros(size: int) -> Array:
@@ -162,6 +186,7 @@ def bind_library(
     base = np.array([array.ctypes.data for array in memory], dtype=np.uintp)
     plan = np.array([stages, *steps], dtype=np.int64)
     frame = frame_of(base, plan, np.zeros_like(base), aligned_zeros(measure()), keep=memory)
+    address_of(library, "lgmpc_evaluate")
     return functools.partial(library.lgmpc_evaluate, ctypes.byref(frame))
 
 

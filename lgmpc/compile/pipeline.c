@@ -10,8 +10,6 @@
 
 typedef void Evaluate(const V* const* arguments, V* const* results, V* work);
 
-EXPORT long long lgmpc_pipeline_lanes(void) { return LANES; }
-
 /* plan: stages, inputs, outputs, steps, place of the work memory; of each input and output its size, how far apart the
    stages' are, and of an input its place, of an output where its entries' places begin in `entries`; of each step its
    numbers of arguments, results and repetitions, and of each argument and result its place and how far apart the

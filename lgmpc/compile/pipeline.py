@@ -17,11 +17,13 @@ import casadi
 import numpy as np
 
 from lgmpc.compile.compiler import Compiler
-from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, load_library
+from lgmpc.compile.native import address_of, aligned_zeros, compile_source, frame_of, load_library
 from lgmpc.compile.simd import SQUARES
 from lgmpc.typing import Array
 
 __all__ = ["Entries", "Pipeline", "PipelineLayout", "PipelineStep", "bind_pipeline", "load_pipeline"]
+
+_MOST_LANES = 8  # of any processor: an image of the memory serves other ones too
 
 Entries = tuple[tuple[str, int], ...]
 """Column and index of each entry of a result."""
@@ -226,10 +228,10 @@ def bind_pipeline(
         measure = library[f"{name}_lanes_work"]
         measure.restype = ctypes.c_longlong
         scratch = max(scratch, measure())
-        functions.append(ctypes.cast(library[f"{name}_lanes"], ctypes.c_void_p).value)
+        functions.append(address_of(library, f"{name}_lanes"))
     base = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)
-    driver.lgmpc_pipeline_lanes.restype = ctypes.c_longlong
-    memory = aligned_zeros(driver.lgmpc_pipeline_lanes() * (layout.work + scratch))
+    address_of(driver, "lgmpc_pipeline")
+    memory = aligned_zeros(_MOST_LANES * (layout.work + scratch))
     given = np.zeros(layout.arguments, dtype=np.uintp)
     whole_plan, addresses = np.array([*plan, *layout.plan], dtype=np.int64), np.array(functions, dtype=np.uintp)
     chosen_entries = np.array(entries, dtype=np.int64)

@@ -1,38 +1,43 @@
-"""Export of a recorded run's controller: its whole-body tick as a C library, with the ticks of the repeated run."""
+"""Export of a recorded run's controller as C libraries, with the ticks and the updates of the repeated run."""
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
+from lgmpc.compile import made_anew
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import parse_config
 from lgmpc.errors import InputError
+from lgmpc.mpc.export import UpdateRecorder
 from lgmpc.runs import RunFolder
 from lgmpc.runs.difference import first_difference
 from lgmpc.runs.folder import CONFIG_FILE, DEPLOYMENT_FILE
 from lgmpc.wbc.export import TickRecorder, write_tick_library
 
-__all__ = ["export_tick"]
+__all__ = ["export_controller"]
 
+_LOG = logging.getLogger(__name__)
 _EXPORTED_S = 10.0
 
 
-def export_tick(run: str | Path, folder: Path) -> int:
-    """Write the whole-body tick of a run's controller as a C library; see :mod:`lgmpc.wbc.export`.
+def export_controller(run: str | Path, folder: Path) -> tuple[int, int]:
+    """Write the controller of a run as C libraries: whole-body tick and, where it is centroidal, the MPC's update.
 
-    The run is repeated up to its first change of settings, for 10 s at most: its ticks are part of the folder.
+    The run is repeated up to its first change of settings, for 10 s at most: its ticks and updates are part of the
+    folder; see :mod:`lgmpc.wbc.export` and, in the folder ``mpc``, :mod:`lgmpc.mpc.export`.
 
     Args:
         run: the run folder.
-        folder: where the library is written, a new or an empty one.
+        folder: where the libraries are written, a new or an empty one.
 
     Returns:
-        The number of ticks.
+        The numbers of ticks and of updates; the latter is 0 where the MPC cannot be written, which the log explains.
 
     Raises:
-        InputError: the run is one of a robot, has measured computing times, or is not repeated bit for bit (names tick
-            and channel); the folder is not empty, or the controller cannot be written in C.
+        InputError: the run is one of a robot, or is not repeated bit for bit (names tick and channel); the folder is
+            not empty, or the whole-body controller cannot be written in C.
     """
     recorded = RunFolder.load(run)
     if (recorded.path / DEPLOYMENT_FILE).is_file():
@@ -41,11 +46,12 @@ def export_tick(run: str | Path, folder: Path) -> int:
     if config.timing.computing == "measured":
         again = f"lgmpc run {recorded.path / CONFIG_FILE} --set timing.computing=modelled"
         raise InputError("timing.computing", "measured: no other run has its delays", f"ideal or modelled: {again}")
-    session = prepare(config)
+    with made_anew():
+        session = prepare(config)
     assert isinstance(session, ClosedLoopSession)
     first, end = session.earlier[0] if session.earlier else (session, session.rates.ticks)
     end = min(end, round(_EXPORTED_S / first.rates.period))
-    recorder = TickRecorder(first.controller.wbc)
+    recorder, updates = TickRecorder(first.controller.wbc), _updates_of(first)
     first.advance(lambda _: None, end)
     repeated = first.recorder.log().decimated(config.log_every)
     difference = first_difference(recorded.log, repeated, until_s=float(repeated.time[-1]) + 1e-9)
@@ -53,4 +59,18 @@ def export_tick(run: str | Path, folder: Path) -> int:
         words = f"{recorded.path}, which is not repeated bit for bit here: it differs first {difference}"
         raise InputError("run", words, f"one of this machine: lgmpc run {recorded.path / CONFIG_FILE}")
     write_tick_library(first.controller.wbc, recorder.ticks, folder)
-    return len(recorder.ticks)
+    if updates is not None:
+        updates.write(folder / "mpc")
+    return len(recorder.ticks), 0 if updates is None else len(updates.updates)
+
+
+def _updates_of(session: ClosedLoopSession) -> UpdateRecorder | None:
+    """Return the recorder of the session's MPC; None where its update cannot be written in C."""
+    planner = session.controller.planner
+    if planner is None:
+        return None
+    try:
+        return UpdateRecorder(planner.mpc)
+    except InputError as error:
+        _LOG.warning("the MPC's update is not written: %s", error)
+        return None

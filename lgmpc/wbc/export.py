@@ -213,4 +213,7 @@ target_link_libraries(lgmpc_tick PUBLIC m)
 add_executable(replay replay.c)
 target_link_libraries(replay lgmpc_tick)
 add_test(NAME replay COMMAND replay ${{CMAKE_CURRENT_SOURCE_DIR}}/ticks.bin)
+if(EXISTS ${{CMAKE_CURRENT_SOURCE_DIR}}/mpc)
+  add_subdirectory(mpc)
+endif()
 """

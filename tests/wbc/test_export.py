@@ -1,4 +1,4 @@
-"""The whole-body tick in C: compiled by a C compiler alone, it repeats recorded runs bit for bit."""
+"""Whole-body tick and MPC update in C: compiled by a C compiler alone, they repeat recorded runs bit for bit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from lgmpc import load_config, run_config
 from lgmpc.cli.app import app
-from lgmpc.config.exporting import export_tick
+from lgmpc.config.exporting import export_controller
 from lgmpc.errors import InputError
 from lgmpc.wbc import NumericTask, WholeBodyController, WholeBodySettings
 from lgmpc.wbc.export import TickRecorder
@@ -25,6 +25,8 @@ needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C com
 
 def build(folder: Path, *arguments: str) -> Path:
     """Compile the folder's sources with the flags of its own build file, and further arguments."""
+    if (folder.name) == "mpc":  # with the tick, as one program has both
+        arguments = (*arguments, *(str(path) for path in folder.parent.glob("*.c") if path.name != "replay.c"))
     flags = re.search(r"add_compile_options\((.*?) \$<", (folder / "CMakeLists.txt").read_text()).group(1).split()
     sources = [str(path) for path in folder.glob("*.c") if path.name != "replay.c" or "-shared" not in arguments]
     target = folder / ("tick.so" if "-shared" in arguments else "replay")
@@ -35,16 +37,33 @@ def build(folder: Path, *arguments: str) -> Path:
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("config", "changes"),
+    ("config", "changes", "updates"),
     [
-        ("solo12_velocity", ["duration_s=3.0"]),
-        ("solo12_slope", ["duration_s=1.5"]),  # forces in axes that are not the world's
-        ("talos_stand", ["duration_s=0.7"]),  # sums over soles
+        ("solo12_velocity", ["duration_s=3.0"], 312),
+        ("solo12_slope", ["duration_s=1.5"], 157),  # forces in axes that are not the world's
+        ("talos_stand", ["duration_s=0.7"], 0),  # sums over soles
     ],
 )
-def test_recorded_runs_are_repeated_bit_for_bit(tmp_path: Path, config: str, changes: list[str]) -> None:
+def test_recorded_runs_are_repeated_bit_for_bit(
+    tmp_path: Path, config: str, changes: list[str], updates: int, caplog: pytest.LogCaptureFixture
+) -> None:
     run = run_config(load_config(config, changes), out=tmp_path / "runs")
-    ticks = export_tick(run.folder.path, tmp_path / "tick")
+    ticks, found = export_controller(run.folder.path, tmp_path / "tick")
+    assert found == updates
+    if updates:
+        mpc = tmp_path / "tick" / "mpc"
+        program, file = build(mpc), mpc / "updates.bin"
+        replayed = subprocess.run([program, file], capture_output=True, text=True)
+        assert f"{updates} updates: 0 with other plans" in replayed.stdout and replayed.returncode == 0
+        recorded = np.fromfile(file).reshape(updates, -1)
+        recorded[5, -1] += 1e-9  # a force
+        recorded[7, 2] = np.nan  # the centre of mass
+        recorded[:10].tofile(file)
+        replayed = subprocess.run([program, file], capture_output=True, text=True)
+        assert "1 with another status" in replayed.stdout and replayed.returncode == 1
+        assert re.search(r"(\d+) with other plans", replayed.stdout).group(1) != "0"
+    else:
+        assert "the MPC's update is not written: robot.feet: got 8 points" in caplog.text
     assert ticks == round(run.session.metrics.survived_s / 1e-3)
     replayed = subprocess.run(
         [build(tmp_path / "tick"), tmp_path / "tick" / "ticks.bin"], capture_output=True, text=True
@@ -104,9 +123,9 @@ def test_what_cannot_be_written_in_c_is_named(tmp_path: Path, solo12) -> None:
     measured = load_config("solo12_balance", ["duration_s=0.02", "timing.computing=measured"])
     measured = run_config(measured, out=tmp_path / "measured")
     with pytest.raises(InputError, match=r"^timing.computing: got measured.*--set timing.computing=modelled"):
-        export_tick(measured.folder.path, tmp_path / "tick")
+        export_controller(measured.folder.path, tmp_path / "tick")
     run = run_config(load_config("solo12_balance", ["duration_s=0.02"]), out=tmp_path / "runs")
     (tmp_path / "mine").write_text("mine")
     with pytest.raises(InputError, match=r"^--c: .*a new or an empty folder"):
-        export_tick(run.folder.path, tmp_path)
+        export_controller(run.folder.path, tmp_path)
     assert (tmp_path / "mine").read_text() == "mine"

@@ -138,6 +138,16 @@ class ActiveSetSolver:
         weights, work = self._control_weights, np.zeros(self._control_weights.size)
         return frame_of(penalties, path, riccati, self._numbers, self._counts, qp.values, weights, work)
 
+    @property
+    def scalar(self) -> bool:
+        """Whether the stages are small ones, whose numbers are read in their place."""
+        return isinstance(self._riccati, SparseRiccati)
+
+    @property
+    def first(self) -> Array:
+        """(ndx,) first state of the Riccati solver."""
+        return self._riccati.dx0
+
     def reset(self) -> None:
         """Set the multipliers to zero, and reset the fallbacks."""
         self.solution.write(0.0, 0.0, 0.0, 0.0)

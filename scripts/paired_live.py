@@ -38,7 +38,7 @@ def walked(seconds: float, link: Link) -> Array:
     run = live.LiveRun(config, link, StopSignals(), Path("runs"), lambda message: None)
     run._fulfil(WALK)
     durations: list[float] = []
-    watch, last = run._watch, [thread_time()]
+    watch, last = run.watch, [thread_time()]
 
     def watched(tick: Any) -> bool:
         going = watch(tick)

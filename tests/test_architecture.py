@@ -73,7 +73,7 @@ ARROWS: dict[str, str] = {
     "config.showing": "robot world problems solvers runs viz",
     "config.session": "runs solvers",
     "sweeps": "config runs viz",
-    "live": "lie robot world locomotion mpc control simulation config runs viz",
+    "live": "lie robot world locomotion mpc control hardware simulation config runs viz",
     "gym": "config control lie locomotion runs simulation",
     "doctor": f"{_PARTS} simulation",
     "cli": "config problems robot runs viz doctor demos sweeps hardware live",

@@ -10,10 +10,9 @@ from typing import Any
 from lgmpc.config.deploying import DeploymentSession, deploy_config
 from lgmpc.config.execution import FinishedRun
 from lgmpc.config.schema import Config
-from lgmpc.config.session import Notify, ProgressReport, ignore
 from lgmpc.hardware.deployment import Deployment, Driver
 from lgmpc.hardware.safety import Operator
-from lgmpc.live.shown import PICTURE_S, PageCommands, Shown
+from lgmpc.live.session import PICTURE_S, PageCommands, Shown
 from lgmpc.live.viewing import Link
 from lgmpc.live.wishes import Note, Order
 from lgmpc.locomotion.command import CommandEntry
@@ -37,7 +36,8 @@ class DeployedRun(Shown):
         gaits = tuple(controller.feet.gaits)
         controller.commands = self._commands = PageCommands(gaits, plans=session.config.mpc.enabled)
         self._operator.listen = self._listen
-        super().__init__(session.config, session, link, deployed=True)
+        super().__init__(session.config, controller, session.recorder, link, deployed=True)
+        session.watch = self.watch
 
     @property
     def _halted(self) -> bool:
@@ -72,40 +72,27 @@ def deployed_config(
     out: str | Path = "runs",
     *,
     link: Link,
-    notify: Notify = ignore,
-    progress: ProgressReport = ignore,
-    operator: Operator | None = None,
-    dry_run: bool = False,
+    operator: Operator,
+    **options: Any,
 ) -> tuple[FinishedRun, Deployment]:
-    """Run the controllers of ``config`` on a robot, driven from a page; see ``lgmpc.config.deploying.deploy_config``.
-
-    Commands of the config are left out, and nothing is sent before the robot is armed.
+    """Run the controllers of ``config`` on a robot, driven from a page, without the config's commands.
 
     Args:
         config: the closed loop.
         driver: constructs the driver of the robot.
         out: folder of run folders.
         link: to the page, from :meth:`lgmpc.live.viewing.Viewing.open`.
-        notify: called with a description of what is being prepared.
-        progress: called with the progress of the run.
-        operator: the person at the terminal; none unless given.
-        dry_run: whether nothing is sent to the robot.
+        operator: what the page orders is done through it: it begins disarmed.
+        options: further ones of :func:`lgmpc.config.deploying.deploy_config`.
 
     Returns:
         The run, and the figures of link and loop.
     """
     shown: list[DeployedRun] = []
+    config = config.replace({"commands": (), "changes": ()})
+    prepared: Callable[[DeploymentSession], None] = lambda session: shown.append(DeployedRun(session, link))  # noqa: E731
     try:
-        finished, deployment = deploy_config(
-            config.replace({"commands": (), "changes": ()}),
-            driver,
-            out,
-            notify=notify,
-            progress=progress,
-            operator=Operator(armed=False) if operator is None else operator,
-            dry_run=dry_run,
-            prepared=lambda session: shown.append(DeployedRun(session, link)),
-        )
+        finished, deployment = deploy_config(config, driver, out, operator=operator, prepared=prepared, **options)
     finally:
         for each in shown:
             each.close()

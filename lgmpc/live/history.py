@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.config.build import build_recorder
 from lgmpc.config.schema import GroundTruth
 from lgmpc.live.ring import RingReader
-from lgmpc.live.shown import EXTRAS, PICTURE_S
+from lgmpc.live.session import EXTRAS, PICTURE_S
 from lgmpc.live.wishes import Started
 from lgmpc.robot import Robot
 from lgmpc.runs import RunLog
@@ -76,7 +76,7 @@ class History:
         return self._recorder.log()
 
     def extras(self, at: int) -> Array:
-        """Return the numbers of a picture that are in no log; see :data:`~lgmpc.live.shown.EXTRAS`."""
+        """Return the numbers of a picture that are in no log; see :data:`~lgmpc.live.session.EXTRAS`."""
         return self.rows[at][-EXTRAS:]
 
     def close(self) -> None:

@@ -1,8 +1,13 @@
-"""A simulation in real time that a page shows and drives: pace, commands, pulls, settings, the run's folder."""
+"""A run that a page shows, and a simulation that it drives: pace, commands, pulls, settings, the run's folder.
+
+Pictures are written into a ring of shared memory at most sixty times a second, and wishes are looked for in a pipe
+every few milliseconds. The run waits for nothing: without a viewer, or after its end, it goes on as it is.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, sleep
@@ -17,19 +22,27 @@ from lgmpc.config.closed_loop import ClosedLoopSession, failed
 from lgmpc.config.execution import FinishedRun, run_session, save_run
 from lgmpc.config.schema import Change, Config
 from lgmpc.config.session import ProgressReport, Session, StopSignals, ignore, stop_signals
-from lgmpc.errors import LgmpcError
-from lgmpc.live.shown import WISHES_S, PageCommands, Shown
+from lgmpc.control.legged import LeggedController
+from lgmpc.errors import InputError, LgmpcError
+from lgmpc.live.ring import RingWriter
 from lgmpc.live.tuning import Tuner
 from lgmpc.live.viewing import Link
-from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Tune
-from lgmpc.locomotion.command import CommandEntry, ModeRequest
+from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Started, Tune
+from lgmpc.locomotion.command import CommandEntry, ModeRequest, MotionCommand
+from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world.settings import named_world
 
-__all__ = ["LiveRun", "Pulls", "ShownRun", "live_config", "viewed_config"]
+__all__ = [
+    "EXTRAS", "PICTURE_S", "LiveRun", "PageCommands", "Pulls", "Shown", "ShownRun", "live_config", "viewed_config",
+]  # fmt: skip
 
+PICTURE_S = 1.0 / 60.0
+"""Least time between two pictures, s."""
+_WISHES_S = 5e-3
+"""Time between two looks for wishes, s."""
 _AHEAD_S = 2e-3
 """Simulated time may be ahead of the clock by so much, s: less would be a system call at every tick."""
 _BEHIND_S = 0.1
@@ -40,6 +53,50 @@ _SAME_CHANGE_S = 0.5
 """Values of one setting within this time, s, are one change in the saved config: each is a controller of its own."""
 _MODES: dict[OrderName, ModeRequest] = {"stop": "damp", "disarm": "damp", "arm": "stand", "lie": "lie"}
 """Of a simulated robot, by what is ordered."""
+
+
+EXTRAS = 8
+"""Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
+number of the gait, and the ground as the controller believes it to be: slope (2) and a point (3)."""
+
+
+class PageCommands:
+    """A :class:`~lgmpc.locomotion.command.CommandSource` of what the page asks for.
+
+    Args:
+        gaits: names of those that exist.
+        plans: whether the controller has an MPC.
+
+    Attributes:
+        entries: all changes so far, as a config's ``commands``.
+    """
+
+    def __init__(self, gaits: Sequence[str], *, plans: bool) -> None:
+        self._gaits, self._plans = tuple(gaits), plans
+        gait = "trot" if "trot" in gaits else gaits[-1]
+        self._command = MotionCommand(gait=gait)
+        self.entries = [CommandEntry(at_s=0.0, gait=gait)]
+        self._asked: list[CommandEntry] = []
+
+    def ask(self, entry: CommandEntry) -> None:
+        """Let a change act from the next tick on.
+
+        Raises:
+            InputError: a gait that does not exist, or a controller that can only stand.
+        """
+        if entry.gait is not None and entry.gait not in self._gaits:
+            raise InputError("gait", entry.gait, "the name of a gait", self._gaits, word=entry.gait)
+        if not self._plans:
+            raise InputError("mpc.enabled", False, "true: without a plan the robot only stands")
+        self._asked.append(entry)
+
+    def at(self, t: float) -> MotionCommand:
+        """Return the command of the tick at ``t``, s."""
+        for asked in self._asked:
+            self.entries.append(asked.replace({"at_s": max(t, 0.0)}))
+            self._command = self.entries[-1].change(self._command)
+        self._asked.clear()
+        return self._command
 
 
 class Pulls(PushSchedule):
@@ -92,6 +149,69 @@ class Pulls(PushSchedule):
         return np.concatenate([force, np.cross(grip - self._plant.body_point(body), force)])
 
 
+class Shown:
+    """A run that a viewer shows, and whose wishes are fulfilled between its ticks.
+
+    Args:
+        config: the closed loop.
+        controller: its reports are shown.
+        recorder: of the run.
+        link: to the viewer.
+        started: further items of the :class:`~lgmpc.live.wishes.Started` that the viewer receives.
+    """
+
+    def __init__(
+        self, config: Config, controller: LeggedController, recorder: Recorder, link: Link, **started: Any
+    ) -> None:
+        self._controller, self._link = controller, link
+        ticks, updates = recorder.rows
+        self._parts = (ticks, updates, np.zeros(EXTRAS))
+        self._ring = RingWriter(ticks.size + updates.size + EXTRAS)
+        self._time, self._speed = 0.0, 1.0
+        self._shown_at = self._asked_at = -math.inf
+        self._gaits = tuple(controller.feet.gaits)
+        link.send(Started(self._ring.name, config, self._gaits, tuple(config.maneuvers), **started))
+
+    def close(self) -> None:
+        """Give back the memory of the pictures."""
+        self._ring.close()
+
+    @property
+    def _halted(self) -> bool:
+        """Whether time stands still."""
+        return False
+
+    def _show(self, speed: float, halted: bool) -> None:
+        """Write the picture of the last recorded tick."""
+        report, ground = self._controller.report, self._controller.feet.ground
+        x, y, _ = report.com.tolist()
+        gait = self._gaits.index(report.gait.name) if report.gait.name in self._gaits else -1
+        self._parts[2][:] = (speed, halted, gait, *ground.slope, x, y, ground.height_at(x, y))
+        self._ring.write(*self._parts)
+
+    def watch(self, tick: Tick) -> bool:
+        """Show a tick and fulfil wishes, now and then; return whether the run continues."""
+        now, self._time = perf_counter(), tick.sample.time
+        if now - self._asked_at > _WISHES_S:
+            self._asked_at = now
+            self._answer()
+        if now - self._shown_at > PICTURE_S:
+            self._shown_at = now
+            self._show(self._speed, self._halted)
+        return True
+
+    def _answer(self) -> None:
+        """Fulfil the wishes that came."""
+        for wish in self._link.wishes():
+            try:
+                self._fulfil(wish)
+            except LgmpcError as error:
+                self._link.send(Note(str(error), error=True))
+
+    def _fulfil(self, wish: Any) -> None:
+        self._link.send(Note("this run follows its config; `lgmpc live` is driven from here", error=True))
+
+
 class ShownRun(Shown):
     """A simulation in real time that a viewer shows; the page changes its pace.
 
@@ -106,17 +226,18 @@ class ShownRun(Shown):
         self._session = session
         self._pace, self._steps = Pace(), 0
         self.check: Callable[[None], None] = ignore
-        super().__init__(config, session, link, **started)
-        for part, _ in session.earlier:
-            part.watch = self._watch
+        super().__init__(config, session.controller, session.recorder, link, **started)
+        for part in (session, *(earlier for earlier, _ in session.earlier)):
+            part.watch = self.watch
         self._begin_to_pace()
 
     @property
     def _halted(self) -> bool:
         return self._pace.paused
 
-    def _watch(self, tick: Tick) -> bool:
-        super()._watch(tick)
+    def watch(self, tick: Tick) -> bool:
+        """Show a tick, fulfil wishes, and keep pace with the clock; return whether the run continues."""
+        super().watch(tick)
         if self._pace.paused:
             self._wait_for_step()
         self._keep_pace()
@@ -143,7 +264,7 @@ class ShownRun(Shown):
     def _wait_for_step(self) -> None:
         self._show(0.0, True)
         while self._pace.paused and self._steps == 0 and self._continues:
-            sleep(WISHES_S)
+            sleep(_WISHES_S)
             self._answer()
         self._steps = max(self._steps - 1, 0)
         self._begin_to_pace()
@@ -212,7 +333,7 @@ class LiveRun(ShownRun):
                     self._link.send(Note(ending, error=bool(self._failure), over=True))
                 while self.after is None:
                     self._answer()
-                    sleep(WISHES_S)
+                    sleep(_WISHES_S)
             except KeyboardInterrupt:
                 self._save()
                 raise

@@ -161,7 +161,7 @@ def _serve(server: viser.ViserServer, pipe: Connection) -> None:
     """
     from lgmpc.live.history import History
     from lgmpc.live.page import Page
-    from lgmpc.live.shown import PICTURE_S
+    from lgmpc.live.session import PICTURE_S
     from lgmpc.live.wishes import Note, Started, Tune
 
     page, history = None, None

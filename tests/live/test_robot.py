@@ -17,6 +17,7 @@ from lgmpc.config.execution import FinishedRun
 from lgmpc.config.robots import build_robot
 from lgmpc.control import Command, Measurement
 from lgmpc.hardware import Deployment, Ending, UdpDriver, UdpRobot
+from lgmpc.hardware.safety import Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, Served
 from lgmpc.live.deployed import DeployedRun, deployed_config
 from lgmpc.live.history import History
@@ -51,7 +52,7 @@ class Far:
         self._monkeypatch = monkeypatch
 
     def drive(self, *script: tuple[float, Any]) -> tuple[FinishedRun, Deployment, Served]:
-        wishes, watch, commands = list(script), DeployedRun._watch, self.commands
+        wishes, watch, commands = list(script), DeployedRun.watch, self.commands
 
         def scripted(run: DeployedRun, tick: Any) -> bool:
             while wishes and wishes[0][0] <= tick.sample.time:
@@ -83,12 +84,14 @@ class Far:
                     return command
             raise NoControllerError("the run is over")
 
-        self._monkeypatch.setattr(DeployedRun, "_watch", scripted)
+        self._monkeypatch.setattr(DeployedRun, "watch", scripted)
         self._monkeypatch.setattr(LockStep, "answer", answer)
         robot = threading.Thread(target=serve)
         robot.start()
         try:
-            finished, deployment = deployed_config(self._config, driver, self._out, link=self._link)
+            finished, deployment = deployed_config(
+                self._config, driver, self._out, link=self._link, operator=Operator(armed=False)
+            )
         finally:
             over.set()
         robot.join(60.0)

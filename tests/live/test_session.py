@@ -24,8 +24,7 @@ from lgmpc.config.session import stop_signals
 from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.live.pad import Axes, Pad
 from lgmpc.live.ring import RingReader
-from lgmpc.live.session import LiveRun, Pulls
-from lgmpc.live.shown import EXTRAS
+from lgmpc.live.session import EXTRAS, LiveRun, Pulls
 from lgmpc.live.tuning import Tuner
 from lgmpc.live.viewing import Link, Viewing, _serve
 from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune
@@ -45,7 +44,7 @@ class Player:
         self.heard: list[Any] = []
         # As fast as possible: nobody looks on.
         self.run._keep_pace = lambda: None  # type: ignore[method-assign]
-        watch = self.run._watch
+        watch = self.run.watch
 
         def scripted(tick: Any) -> bool:
             while self._script and self._script[0][0] <= tick.sample.time:

@@ -23,8 +23,6 @@ from lgmpc.errors import InputError
 from lgmpc.state.base import State
 from lgmpc.typing import Array, IntArray, numbers
 
-__all__ = ["Action", "Stage", "StageValue"]
-
 
 @dataclass(frozen=True)
 class Stage:

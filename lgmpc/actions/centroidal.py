@@ -43,8 +43,6 @@ from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_wi
 from lgmpc.state import StateVector
 from lgmpc.typing import instance
 
-__all__ = ["CentroidalAction"]
-
 
 class CentroidalAction(Action):
     """Centre of mass and momenta driven by contact forces, friction and normal force bounded (see the module).

@@ -17,9 +17,6 @@ from lgmpc.robot.names import frame_index
 from lgmpc.robot.symbolic import Factored, LdlFactor, MassFactor, SymbolicModel
 from lgmpc.typing import instance, numbers
 
-__all__ = ["Contact", "ContactSet"]
-
-
 Axis = tuple[float, float, float]
 _AXES: dict[int, tuple[Axis, ...]] = {1: ((0.0, 0.0, 1.0),), 2: ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
 

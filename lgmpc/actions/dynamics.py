@@ -20,16 +20,6 @@ from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import StateMultibody
 from lgmpc.typing import instance, numbers
 
-__all__ = [
-    "ContactForwardDynamics",
-    "Dynamics",
-    "ExternalWrench",
-    "FreeForwardDynamics",
-    "Load",
-    "Motion",
-    "actuated",
-]
-
 
 @dataclass(frozen=True)
 class Motion:

@@ -30,8 +30,6 @@ from lgmpc.errors import InputError
 from lgmpc.state import ProductState, State, StateVector
 from lgmpc.typing import instance
 
-__all__ = ["ChooseStretch", "Stretched"]
-
 _BAUMGARTE = "contact_gains"  # stiffness and damping, whose units are those of 1 / length^2 and 1 / length
 
 

@@ -15,8 +15,6 @@ import casadi as ca
 
 from lgmpc.robot.symbolic import Factored
 
-__all__ = ["LinearUnknown", "Unknowns"]
-
 
 @dataclass(frozen=True)
 class LinearUnknown:

@@ -17,8 +17,6 @@ from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state.configuration import BlockKind, configuration_blocks
 from lgmpc.typing import instance
 
-__all__ = ["Integrator", "RungeKutta4", "SemiImplicitEuler", "Variational"]
-
 
 class Integrator(ABC):
     """One step of an integration method."""

@@ -27,8 +27,6 @@ from lgmpc.costs import ParameterLayout
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.state import State
 
-__all__ = ["Expandable", "Expansion", "StageSteps", "at_zero", "expand_in_steps"]
-
 
 class Expandable(Protocol):
     """An action whose expansion in steps can be written; see :class:`~lgmpc.actions.multibody.ItemAction`."""

@@ -36,9 +36,6 @@ from lgmpc.typing import identifier, instance, numbers
 Item = TypeVar("Item", CostItem, ConstraintItem)
 
 
-__all__ = ["HoldAction", "ImpulseAction", "ItemAction", "MultibodyAction", "thrusters"]
-
-
 class ItemAction(Action):
     """An action with lists of costs and constraints.
 

@@ -26,8 +26,6 @@ from lgmpc.actions.python_action import PythonAction, StageDerivatives
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
 from lgmpc.typing import Array, instance
 
-__all__ = ["PenalizedAction", "penalize"]
-
 
 class PenalizedAction(ItemAction):
     """An action with the same dynamics and the constraint as a cost (see the module).

@@ -20,8 +20,6 @@ from lgmpc.actions.base import Action, StageValue
 from lgmpc.errors import InputError
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Limits", "PythonAction", "StageDerivatives"]
-
 _Shapes = dict[str, tuple[int, int]]
 
 _STEP = 6e-6

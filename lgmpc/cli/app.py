@@ -32,8 +32,6 @@ from lgmpc.cli.screen import out as stdout
 if TYPE_CHECKING:
     from lgmpc.config import Config
 
-__all__ = ["app"]
-
 app = typer.Typer(
     name="lgmpc",
     help=help.OVERVIEW,

@@ -16,8 +16,6 @@ from lgmpc.runs import atomic_write
 from lgmpc.runs.atomic import json_values, reason_of
 from lgmpc.runs.tables import Table
 
-__all__ = ["list_demos", "show_demo"]
-
 
 def list_demos() -> None:
     """Print name and summary of each demonstration."""

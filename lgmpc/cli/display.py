@@ -13,8 +13,6 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
-__all__ = ["Display", "progress_display", "warnings_on"]
-
 Step = TypeVar("Step")
 
 

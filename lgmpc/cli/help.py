@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["OVERVIEW", "examples"]
-
 _WHAT = "Lie-group trajectory optimisation and model-predictive control of floating-base robots."
 _HOW = (
     "A config (YAML) describes a robot, what counts as success, and either a plant, controllers and disturbances, "

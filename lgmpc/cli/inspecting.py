@@ -29,8 +29,6 @@ from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
 if TYPE_CHECKING:
     from lgmpc.config.showing import SolveExplanation
 
-__all__ = ["copy_config", "explain_shown", "list_configs", "notes_on", "show_checked", "show_diagnosis"]
-
 _NEAREST = 8
 _WIDTH = 28
 """Width of the names of checks, in characters."""

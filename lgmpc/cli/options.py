@@ -11,23 +11,6 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = [
-    "AsJson",
-    "ConfigFile",
-    "MoreOverrides",
-    "OutFolder",
-    "Overrides",
-    "Quiet",
-    "RunName",
-    "RunsFolder",
-    "argument",
-    "complete_config",
-    "complete_demo",
-    "complete_run",
-    "complete_sweep",
-    "option",
-]
-
 
 def option(help: str, *names: str, metavar: str | None = None, complete: Callable[..., Any] | None = None) -> Any:
     """Return an option whose help displays no default."""

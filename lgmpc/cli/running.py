@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from lgmpc.live.viewing import Link
     from lgmpc.robot import Robot
 
-__all__ = ["RobotEnd", "deploy_shown", "live_shown", "run_shown", "serve_shown", "solve_shown"]
-
 
 def run_shown(
     path: Path, changes: Sequence[str], folder: Path, *, as_json: bool, quiet: bool, view: bool = False

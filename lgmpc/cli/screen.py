@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from lgmpc.runs import RunResult, SolveResult, Verdict
     from lgmpc.runs.tables import Table
 
-__all__ = ["err", "guarded", "out", "print_result", "show_next", "show_page", "show_table", "show_verdict"]
-
 _STYLES = {"": "", "good": "", "bad": "red", "strong": "bold", "weak": "dim"}
 _NUMBER = re.compile(r"([<>]=? )?-?[0-9.]*(e[+-][0-9]+)?( %)?")
 

@@ -19,8 +19,6 @@ from lgmpc.cli.options import (
     option,
 )
 
-__all__ = ["compare", "sweep"]
-
 
 def sweep(
     file: Annotated[

@@ -26,8 +26,6 @@ from lgmpc.sweeps.folder import SUMMARY
 from lgmpc.sweeps.report import draw_sweep
 from lgmpc.sweeps.summary import Summary, summary_tables
 
-__all__ = ["compare_shown", "part_of", "sweep_shown"]
-
 _MOST_REASONS = 5
 
 

@@ -23,20 +23,6 @@ import platformdirs
 
 from lgmpc.errors import CompileError, InputError
 
-__all__ = [
-    "CacheReport",
-    "cache_folder",
-    "discard",
-    "find_entry",
-    "inspect_cache",
-    "is_whole",
-    "make_entry",
-    "private_folder",
-    "read_private",
-    "request_key",
-    "write_private",
-]
-
 _log = logging.getLogger("lgmpc.compile")
 _DIGEST = 16
 _FOLDER_MODE, _FILE_MODE = 0o700, 0o600

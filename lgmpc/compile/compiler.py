@@ -19,8 +19,6 @@ from pathlib import Path
 
 from lgmpc.errors import CompileError, InputError
 
-__all__ = ["FLAGS", "Compiler", "compiler_for_functions", "find_compiler", "jit_enabled"]
-
 # Measured with gcc 12 on the Jacobians of Solo12's inverse dynamics (26,000 scalar statements): -O1 3.4 s and 4.4 us a
 # call, -O2 8 s and 3.9 us, -O3 no better. -march=native (from _describe) saves 16 % of a call: AVX needs fewer moves.
 # No contraction into fused multiply-adds: machine code then equals the interpreter bit for bit, at the same speed.

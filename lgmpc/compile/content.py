@@ -20,8 +20,6 @@ from typing import Any, cast
 import casadi
 import numpy as np
 
-__all__ = ["Content", "NoContentError", "read_content", "write_content"]
-
 # Code that is identified by lgmpc's sources and by the versions in the cache's keys. Any other may change without them.
 _IDENTIFIED = frozenset({"lgmpc", "builtins", "casadi", "collections", "functools", "numpy", "pathlib", "pinocchio"})
 # Modules of classes whose objects are their attributes. Others, such as compiled ones and containers, consist of more.

@@ -16,8 +16,6 @@ import numpy as np
 from lgmpc.compile.native import function_at
 from lgmpc.typing import Array
 
-__all__ = ["image_sources"]
-
 _WORD = 8
 _ALIGNED = 8  # words, as memory of vectors is
 

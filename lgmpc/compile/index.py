@@ -45,8 +45,6 @@ from lgmpc.compile.cache import (
 from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.content import Content, NoContentError, read_content, write_content
 
-__all__ = ["cached"]
-
 T = TypeVar("T")
 
 _log = logging.getLogger("lgmpc.compile")

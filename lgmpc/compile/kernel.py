@@ -17,8 +17,6 @@ from lgmpc.compile.simd import is_scalar_code
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["BatchKernel", "StageKernel", "densify_function"]
-
 K = TypeVar("K", bound="StageKernel")
 
 

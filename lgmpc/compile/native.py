@@ -22,18 +22,6 @@ from lgmpc.compile.simd import SIMD_IDENTITY, generate_simd
 from lgmpc.errors import CompileError, InputError
 from lgmpc.typing import Array
 
-__all__ = [
-    "address_of",
-    "aligned_zeros",
-    "bind_library",
-    "compile_source",
-    "frame_of",
-    "function_at",
-    "load_library",
-    "reporting",
-    "sequence_of",
-]
-
 _log = logging.getLogger("lgmpc.compile")
 _listeners: ContextVar[tuple[Callable[[str], object], ...]] = ContextVar("lgmpc_compile_listeners", default=())
 _ALIGNMENT = 8  # doubles: the widest vectors hold so many

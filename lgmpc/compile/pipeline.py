@@ -21,8 +21,6 @@ from lgmpc.compile.native import address_of, aligned_zeros, compile_source, fram
 from lgmpc.compile.simd import SQUARES
 from lgmpc.typing import Array
 
-__all__ = ["Entries", "Pipeline", "PipelineLayout", "PipelineStep", "bind_pipeline", "load_pipeline"]
-
 _MOST_LANES = 8  # of any processor: an image of the memory serves other ones too
 
 Entries = tuple[tuple[str, int], ...]

@@ -20,8 +20,6 @@ import casadi
 
 from lgmpc.errors import CompileError
 
-__all__ = ["SIMD_IDENTITY", "SQUARES", "generate_simd", "is_scalar_code"]
-
 STATEMENTS = 500
 """Most statements of a function: 200 take longer to run, 1000 to compile."""
 _PARTS = 20  # of one file

@@ -18,13 +18,6 @@ from lgmpc.costs.parameters import Parameter
 from lgmpc.errors import InputError
 from lgmpc.typing import numbers
 
-__all__ = [
-    "Activation",
-    "Huber",
-    "Quadratic",
-    "QuadraticBarrier",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Activation(ABC):

@@ -13,9 +13,6 @@ from numpy.typing import ArrayLike
 from lgmpc.errors import InputError
 from lgmpc.typing import Array, IntArray, identifier, instance, numbers
 
-__all__ = ["Parameter", "ParameterLayout"]
-
-
 _SIGNS = ("any", "not negative", "positive")
 
 

@@ -37,18 +37,6 @@ from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
 from lgmpc.errors import InputError, LgmpcError
 from lgmpc.typing import identifier
 
-__all__ = [
-    "Bounded",
-    "ConstraintItem",
-    "Cost",
-    "CostItem",
-    "CostTerm",
-    "LeastSquares",
-    "Residual",
-    "constraint_of",
-    "cost_of",
-]
-
 
 @dataclass(frozen=True)
 class CostTerm:

@@ -11,8 +11,6 @@ import pinocchio as pin
 from lgmpc.errors import InputError
 from lgmpc.robot.symbolic import Placement, SymbolicModel
 
-__all__ = ["MissingQuantityError", "StageSymbols"]
-
 
 class MissingQuantityError(InputError):
     """A residual uses a quantity that its node does not have, such as the control at the end of the horizon."""

@@ -10,8 +10,6 @@ from lgmpc.lie import so3
 from lgmpc.mechanics.phases import Cat, flip
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["run"]
-
 FALL = 0.7
 """Duration of the fall, s."""
 STEPS = 6000

@@ -17,8 +17,6 @@ from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, Motion, torque_free_body
 from lgmpc.typing import Array
 
-__all__ = ["run"]
-
 # A bar along y and a stem along x, steel cylinders: masses (kg), radii and lengths (m).
 _BAR = (0.23, 0.007, 0.19)
 _STEM = (0.11, 0.008, 0.07)

@@ -14,8 +14,6 @@ from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Path, Row, Shape, l
 from lgmpc.mechanics import UP, LagrangeTop, Motion
 from lgmpc.typing import GRAVITY, Array, IntArray
 
-__all__ = ["run"]
-
 # A disc of 0.1 kg and 4 cm radius, 5 cm up a light axle.
 _TOP = LagrangeTop(transverse=0.1 * (0.04**2 / 4.0 + 0.05**2), axial=0.1 * 0.04**2 / 2.0, weight=0.1 * GRAVITY * 0.05)
 _TILT = 0.4  # rad

@@ -18,8 +18,6 @@ from lgmpc.estimation.invariant_ekf import MULTIPLICATIVE, RIGHT, ErrorForm, Inv
 from lgmpc.lie import sek3, so3
 from lgmpc.typing import Array
 
-__all__ = ["run"]
-
 RUNS, DURATION, EVERY = 16, 1.0, 20
 NOISE = ImuNoise(
     gyro_noise_rad_s_rt_hz=2e-3,

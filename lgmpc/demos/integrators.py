@@ -18,8 +18,6 @@ from lgmpc.mechanics.integrators import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["run"]
-
 DURATION = 1000.0
 STEPS = (0.1, 0.2)
 POINTS = 400

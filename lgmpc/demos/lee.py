@@ -27,8 +27,6 @@ from lgmpc.mechanics.quadrotor import (
 )
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["run"]
-
 _QUADROTOR = Quadrotor.of_the_paper()
 _REAL = _QUADROTOR.limited(lift=2.5, moment=20.0)
 _GAINS = GeometricGains.of_the_paper()

@@ -11,8 +11,6 @@ import numpy as np
 
 from lgmpc.typing import Array
 
-__all__ = ["Body", "Curve", "Demo", "Outcome", "Panel", "Path", "Row", "Shape", "largest"]
-
 
 def largest(values: Any) -> float:
     """Return the largest absolute value."""

@@ -15,8 +15,6 @@ from lgmpc.lie import so3
 from lgmpc.mechanics import EulerTop, Motion, Poinsot, torque_free_body
 from lgmpc.typing import Array
 
-__all__ = ["run"]
-
 _MOMENTS = np.array([4.0, 9.0, 12.0])  # kg.m^2
 _VELOCITY = np.array([1.6, 0.5, 1.3])  # rad/s
 _STEPS = 20000  # per period

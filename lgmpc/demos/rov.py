@@ -16,8 +16,6 @@ from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.mechanics.underwater import UnderwaterVehicle, spheroid_added_mass
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["run"]
-
 STEP, DURATION = 5e-3, 20.0
 """s."""
 FRAME, SCENE = 0.02, (1.5, 5.0)

@@ -14,8 +14,6 @@ from lgmpc.estimation.invariant_ekf import InvariantEkf
 from lgmpc.lie import so3
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = ["DOWN", "SimulatedTrot", "simulate_trot"]
-
 DOWN = np.array([0.0, 0.0, -GRAVITY])
 _FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
 _PERIOD, _DUTY = 0.5, 0.6  # s; duty factor

@@ -14,8 +14,6 @@ from lgmpc.mechanics import Connection, ThreeLink
 from lgmpc.mechanics.connection import circle
 from lgmpc.typing import Array
 
-__all__ = ["run"]
-
 CENTER = (1.0, -1.0)
 """Centre of the loops, rad: both ends bent to one side. Around the straight shape the curvature averages to zero."""
 RADII = (0.1, 0.5, 1.0, 1.5)

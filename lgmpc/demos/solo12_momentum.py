@@ -20,8 +20,6 @@ from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.robot.symbolic import SymbolicModel
 from lgmpc.typing import Array
 
-__all__ = ["run"]
-
 _STEP, _STEPS = 5e-4, 1200
 _PULL = (400, 520)
 """First and last step of the pull."""

@@ -25,8 +25,6 @@ from lgmpc.mechanics import (
 )
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["run"]
-
 _EDGES = np.array([0.3, 0.2, 0.1])  # of a box, m
 _MASS = 1.5  # kg
 _BOX = SpatialInertia(_MASS, np.array([0.06, 0.03, 0.02]), np.diag(_MASS / 12.0 * (np.sum(_EDGES**2) - _EDGES**2)))

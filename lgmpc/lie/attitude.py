@@ -13,8 +13,6 @@ import numpy as np
 from lgmpc.lie import so3
 from lgmpc.lie.coefficients import Array
 
-__all__ = ["angle_between", "roll_pitch_yaw", "tilt", "tilt_and_yaw", "turn", "yaw"]
-
 _UP = np.array([0.0, 0.0, 1.0])
 
 

@@ -18,25 +18,6 @@ from lgmpc.errors import InputError
 from lgmpc.lie.coefficients import Array
 from lgmpc.lie.components import rows
 
-__all__ = [
-    "ArrayFunction",
-    "Checked",
-    "ambient",
-    "checked",
-    "extended_pose",
-    "extended_tangent",
-    "extended_twist_matrix",
-    "finite",
-    "matrix",
-    "placement",
-    "quaternion",
-    "rotation",
-    "skew",
-    "tangent",
-    "twist_matrix",
-    "typed",
-]
-
 P = ParamSpec("P")
 R = TypeVar("R")
 R_co = TypeVar("R_co", covariant=True)

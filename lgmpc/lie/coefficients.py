@@ -29,26 +29,6 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "SEAM",
-    "Array",
-    "Coefficient",
-    "Scalar",
-    "a",
-    "a_b",
-    "b",
-    "b_c",
-    "beta",
-    "c",
-    "cosine",
-    "d",
-    "delta",
-    "e",
-    "gamma",
-    "horner",
-    "sinc",
-]
-
 Array = NDArray[np.float64]
 Scalar = TypeVar("Scalar", float, Array)
 

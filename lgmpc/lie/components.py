@@ -14,8 +14,6 @@ import numpy as np
 
 from lgmpc.lie.coefficients import Array
 
-__all__ = ["Entries", "matrix", "norm", "parts", "rows", "vector"]
-
 Entries = Sequence[Any]
 """Floats, or arrays (and floats) that broadcast to the batch shape."""
 

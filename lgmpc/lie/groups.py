@@ -16,8 +16,6 @@ from lgmpc.lie import checks, so3
 from lgmpc.lie.checks import ArrayFunction, Check, checked
 from lgmpc.lie.coefficients import Array
 
-__all__ = ["ArrayPoses", "se3", "sek3"]
-
 _OF_MATRICES = ("vee", "log", "adjoint")
 
 

@@ -17,9 +17,6 @@ from lgmpc.lie.checks import checked
 from lgmpc.lie.coefficients import Array, cosine, sinc
 from lgmpc.lie.components import Entries, matrix, norm, parts, rows, vector
 
-__all__ = ["act", "canonical", "compose", "exp", "from_matrix", "identity", "inverse", "log", "to_matrix"]
-
-
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 

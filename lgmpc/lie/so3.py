@@ -18,28 +18,6 @@ from lgmpc.lie.checks import checked
 from lgmpc.lie.coefficients import Array, a_b, b_c, d
 from lgmpc.lie.components import matrix, norm, parts
 
-__all__ = [
-    "act",
-    "ad",
-    "adjoint",
-    "coadjoint",
-    "compose",
-    "exp",
-    "force_cross",
-    "from_quaternion",
-    "hat",
-    "identity",
-    "inverse",
-    "left_jacobian",
-    "left_jacobian_inverse",
-    "log",
-    "project",
-    "right_jacobian",
-    "right_jacobian_inverse",
-    "to_quaternion",
-    "vee",
-]
-
 from_quaternion = quaternion.to_matrix
 to_quaternion = quaternion.from_matrix
 

@@ -9,12 +9,6 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
-__all__ = [
-    "check_inertia",
-    "check_positive",
-    "frozen",
-]
-
 _TOLERANCE = 1e-9
 
 

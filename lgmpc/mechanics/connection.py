@@ -20,8 +20,6 @@ from lgmpc.lie import checks, so3
 from lgmpc.mechanics.checks import check_positive
 from lgmpc.typing import Array
 
-__all__ = ["Connection", "KineticEnergy", "Loop", "circle"]
-
 KineticEnergy = Callable[[Any, Any, Any], Any]
 """From shape r (n), angular velocity xi (1 or 3) in the body frame and shape velocity (n) to the energy, J."""
 

@@ -14,8 +14,6 @@ from scipy import special
 
 from lgmpc.typing import Array
 
-__all__ = ["Modulus"]
-
 _SMALLEST = 1e-100
 """Smaller arguments are treated as zero: powers of their cotangent would overflow."""
 

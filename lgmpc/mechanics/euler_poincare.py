@@ -35,19 +35,6 @@ from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.groups import LieGroup, spatial_momentum
 from lgmpc.typing import Array
 
-__all__ = [
-    "Advected",
-    "EulerPoincare",
-    "Expression",
-    "Method",
-    "Motion",
-    "Symbols",
-    "munthe_kaas",
-    "runge_kutta4",
-    "state_of",
-]
-
-
 _INPUTS = ["time", "pose", "velocity", "advected", "parameters"]
 
 

@@ -30,8 +30,6 @@ from lgmpc.lie.symbolic import sek3 as symbolic_sek3
 from lgmpc.lie.symbolic import so3 as symbolic_so3
 from lgmpc.typing import Array, numbers
 
-__all__ = ["SE3", "SEMIDIRECT", "SO3", "LieGroup", "body_momentum", "spatial_momentum"]
-
 
 @dataclass(frozen=True)
 class LieGroup:

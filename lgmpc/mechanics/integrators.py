@@ -25,13 +25,6 @@ import casadi as ca
 from lgmpc.errors import InputError
 from lgmpc.mechanics.euler_poincare import EulerPoincare, Symbols, runge_kutta4, state_of
 
-__all__ = [
-    "discrete_euler_poincare",
-    "matrix_runge_kutta",
-    "moser_veselov",
-    "projected_runge_kutta",
-]
-
 NEWTON_STEPS = 5
 """Number of Newton steps: the error of the first guess is O(h^2), and each step squares it."""
 

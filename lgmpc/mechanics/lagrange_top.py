@@ -31,8 +31,6 @@ from lgmpc.mechanics.groups import SO3
 from lgmpc.mechanics.rigid_body import heavy_top
 from lgmpc.typing import Array
 
-__all__ = ["LagrangeTop", "Nutation"]
-
 
 @dataclass(frozen=True)
 class Nutation:

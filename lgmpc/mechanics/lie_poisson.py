@@ -26,8 +26,6 @@ import numpy as np
 from lgmpc.mechanics.groups import SE3, SEMIDIRECT, SO3, LieGroup
 from lgmpc.typing import Array
 
-__all__ = ["SE3_DUAL", "SEMIDIRECT_DUAL", "SO3_DUAL", "Function", "LiePoisson"]
-
 Function = Callable[[Any], Any]
 """Of mu: a CasADi column (dim,) to a scalar expression, smooth."""
 

@@ -27,8 +27,6 @@ from lgmpc.mechanics.checks import check_positive, frozen
 from lgmpc.mechanics.connection import Connection, Loop
 from lgmpc.typing import Array
 
-__all__ = ["Cat", "ThreeLink", "flip"]
-
 
 @dataclass(frozen=True)
 class Cat:

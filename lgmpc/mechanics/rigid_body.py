@@ -20,15 +20,6 @@ from lgmpc.mechanics.euler_poincare import Advected, EulerPoincare, Expression
 from lgmpc.mechanics.groups import SE3, SO3
 from lgmpc.typing import GRAVITY, Array, numbers
 
-__all__ = [
-    "HEIGHT",
-    "UP",
-    "SpatialInertia",
-    "free_body",
-    "heavy_top",
-    "torque_free_body",
-]
-
 UP = frozen([0.0, 0.0, 1.0])
 """The upward direction, world axes."""
 

@@ -25,8 +25,6 @@ from lgmpc.lie import checks
 from lgmpc.mechanics.euler_poincare import EulerPoincare, Motion
 from lgmpc.typing import Array
 
-__all__ = ["LeftSymmetry", "conserved_dimension"]
-
 CONSERVED = 1e-9
 """Tolerance of conserved components, relative to the largest momentum along the motion."""
 

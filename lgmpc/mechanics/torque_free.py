@@ -28,8 +28,6 @@ from lgmpc.mechanics.elliptic import Modulus
 from lgmpc.mechanics.groups import SO3
 from lgmpc.typing import Array
 
-__all__ = ["EulerTop", "Poinsot"]
-
 _STEADY = 1e-15
 """Rounding error of the torque relative to |w| |pi|: below it the rotation about a principal axis is steady."""
 

@@ -31,8 +31,6 @@ from lgmpc.mechanics.groups import SE3
 from lgmpc.mechanics.rigid_body import SpatialInertia
 from lgmpc.typing import GRAVITY, Array, numbers
 
-__all__ = ["UnderwaterVehicle", "spheroid_added_mass"]
-
 
 def _zeros(*shape: int) -> Callable[[], Array]:
     return lambda: np.zeros(shape)

@@ -12,8 +12,6 @@ from lgmpc.errors import InputError
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.typing import Array, BoolArray, IntArray, instance, numbers
 
-__all__ = ["FreeDurations", "FreePhase"]
-
 
 @dataclass(frozen=True)
 class FreePhase:

@@ -22,8 +22,6 @@ from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
 
-__all__ = ["PathFunctions", "SubproblemFunctions"]
-
 
 class SubproblemFunctions:
     """Expansion of one :class:`~lgmpc.ocp.ShootingProblem` as an :class:`~lgmpc.ocp.OcpQp`, on arrays of its own.

@@ -16,22 +16,6 @@ from lgmpc.ocp.quadratic import Block, OcpQpStructure
 from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = [
-    "StageMatrices",
-    "Stages",
-    "advance",
-    "bind_intervals",
-    "bind_last",
-    "difference",
-    "distinct",
-    "like",
-    "pack_terminal",
-    "retraction",
-    "runs_of",
-    "structure_of",
-    "symbols_of",
-]
-
 
 class Stages(Protocol):
     """Evaluates stages of one action, for instance a :class:`~lgmpc.compile.StageKernel`."""

@@ -10,8 +10,6 @@ import numpy as np
 from lgmpc.ocp.quadratic import OcpQp
 from lgmpc.typing import Array
 
-__all__ = ["KktResidual", "complementarity", "kkt_residual"]
-
 
 @dataclass(frozen=True)
 class KktResidual:

@@ -12,8 +12,6 @@ from lgmpc.errors import InputError
 from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.typing import Array, instance, numbers
 
-__all__ = ["DerivativeCheck", "DerivativeReport", "check_derivatives"]
-
 MEANINGS = {
     "A": "next state by state",
     "B": "next state by control",

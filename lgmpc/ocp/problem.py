@@ -13,8 +13,6 @@ from lgmpc.actions import Action, StageValue
 from lgmpc.errors import InputError
 from lgmpc.typing import Array, identifier, numbers
 
-__all__ = ["ShootingProblem", "Trajectory"]
-
 FEASIBLE = 1e-6
 """Violation up to which a first state counts as feasible."""
 

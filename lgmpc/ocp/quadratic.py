@@ -18,8 +18,6 @@ import numpy as np
 
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Block", "OcpQp", "OcpQpStructure"]
-
 
 @dataclass(frozen=True)
 class Block:

@@ -16,8 +16,6 @@ from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = ["ShootingFunctions"]
-
 
 class ShootingFunctions:
     """Expansion and roll-out of one :class:`~lgmpc.ocp.ShootingProblem`, on arrays of its own.

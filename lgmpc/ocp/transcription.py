@@ -19,8 +19,6 @@ from lgmpc.ocp.problem import ShootingProblem, Trajectory
 from lgmpc.state import State
 from lgmpc.typing import Array
 
-__all__ = ["MultipleShooting", "transcribe"]
-
 
 @dataclass(frozen=True)
 class MultipleShooting:

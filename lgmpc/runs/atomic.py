@@ -15,8 +15,6 @@ from pydantic import BeforeValidator
 
 from lgmpc.errors import RunFolderError
 
-__all__ = ["Number", "atomic_write", "json_values", "reason_of"]
-
 Number = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 """A number read from JSON, where those that are not finite are null."""
 

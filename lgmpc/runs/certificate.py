@@ -14,8 +14,6 @@ from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.modes import LOW_MODES, fallen_ticks
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["Balances", "Certificate", "certify", "window_edges"]
-
 WINDOW_S = 0.05
 """Balances are those of impulses and works over windows of this length."""
 _FORCE_SHARE, _ENERGY_SHARE = 0.02, 0.01

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from lgmpc.errors import RunFolderError
 
-__all__ = ["ArrayFile", "Channel", "Quantity", "channel", "channel_rows", "channels_of", "described"]
-
 F = TypeVar("F", bound="ArrayFile")
 C = TypeVar("C", bound=type)
 

@@ -10,8 +10,6 @@ from lgmpc.runs.channels import channels_of
 from lgmpc.runs.log import RunLog
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Difference", "first_difference"]
-
 _DURATIONS = ("wbc_ms", "mpc_ms", "estimate_ms", "forecast_ms")
 """Measured durations, which differ between any two runs."""
 

@@ -15,8 +15,6 @@ from lgmpc.runs.metrics import tilt_and_yaw_deg
 from lgmpc.runs.result import SettingsChange
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Event", "EventKind", "EventLine", "event_lines", "find_events"]
-
 _JOINED_S = 0.05
 """Shorter gaps do not end an event."""
 _OPEN_S = 0.01

@@ -9,19 +9,6 @@ from dataclasses import field, fields
 from inspect import cleandoc
 from typing import Any, TypeVar
 
-__all__ = [
-    "described",
-    "figure_number",
-    "figure_of",
-    "figure_words",
-    "is_signed",
-    "judge_figures",
-    "length_unit",
-    "metric",
-    "short_number",
-    "unknown_bounds",
-]
-
 T = TypeVar("T")
 
 

@@ -21,18 +21,6 @@ from lgmpc.runs.recorded import Recorded
 from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
 from lgmpc.runs.trajectory import TrajectoryLog
 
-__all__ = [
-    "CONFIG_FILE",
-    "DEPLOYMENT_FILE",
-    "LOG_FILE",
-    "TRAJECTORY_FILE",
-    "Run",
-    "RunFolder",
-    "SolvedRun",
-    "find_run",
-    "load_run",
-]
-
 A = TypeVar("A", RunLog, TrajectoryLog)
 R = TypeVar("R", RunResult, SolveResult)
 

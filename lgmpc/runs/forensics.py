@@ -21,8 +21,6 @@ from lgmpc.runs.limited import JointLimits, Limited, Nearest, gate_figures, limi
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import fallen_ticks
 
-__all__ = ["Explanation", "explain_run"]
-
 _BEFORE_S = 1.0
 """The chain of events begins this long before the failure, s, or at an earlier cause."""
 _CAUSE_S = 3.0

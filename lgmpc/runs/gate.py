@@ -15,8 +15,6 @@ from lgmpc.runs.modes import ModeMetrics
 from lgmpc.runs.walking import WalkingMetrics
 from lgmpc.settings import LARGEST, Finite, Fraction, NonNegative, Problem, Settings, problems
 
-__all__ = ["Gate", "Outcome", "SolveGate", "Verdict", "judge", "measured"]
-
 Bound = NonNegative | None
 Share = Fraction | None
 Count = Annotated[int, Field(strict=True, ge=0)] | None

@@ -9,15 +9,6 @@ import numpy as np
 from lgmpc.typing import Array
 from lgmpc.world import World
 
-__all__ = [
-    "along_ground",
-    "foot_centres",
-    "friction_channel",
-    "ground_below",
-    "ground_channels",
-    "leg_length",
-]
-
 _TOUCHING = 2e-3
 """Distance from a foot, m, up to which a surface may exert a force on it that was measured one tick before."""
 _FELT_N = 1e-3

@@ -12,8 +12,6 @@ from lgmpc.typing import Array, BoolArray
 if TYPE_CHECKING:
     from lgmpc.runs.log import RunLog
 
-__all__ = ["PushInterval", "intervals", "joined_intervals", "push_intervals"]
-
 
 def intervals(flags: BoolArray) -> list[tuple[int, int]]:
     """Return first tick and end (exclusive) of each interval of (n,) true flags, in order."""

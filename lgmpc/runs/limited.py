@@ -17,22 +17,6 @@ from lgmpc.runs.metrics import Metrics, slide
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG, LOW_MODES
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = [
-    "DriveLine",
-    "JointLimits",
-    "Limited",
-    "Nearest",
-    "capture_margin",
-    "capture_point",
-    "figure_margin",
-    "gate_figures",
-    "hardware_quantities",
-    "highest",
-    "joint_power",
-    "limited_quantities",
-    "support_margin",
-]
-
 _SLID_M = 0.01
 """Displacement since the start of its stance, m, beyond which a foot has slid, if the gate has no limit on slip."""
 _OVER_TIME = ("max_tilt_deg", "max_displacement_m", "max_slip_m", "min_base_height_m", "min_base_height_fraction")

@@ -17,19 +17,6 @@ from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of, descri
 from lgmpc.runs.ground import along_ground, foot_centres
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = [
-    "CHANNELS",
-    "CONTACT_FORCE_N",
-    "CONTACT_STATES",
-    "GROUND_CHANNELS",
-    "MODES",
-    "MPC_CHANNELS",
-    "OPTIONAL",
-    "SENSOR_FAULTS",
-    "RunLog",
-    "tilt_deg",
-]
-
 StatusArray = NDArray[np.int8]
 
 CONTACT_STATES = ("stance", "swing", "early", "late", "missing", "lost")

@@ -22,21 +22,6 @@ from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
 from lgmpc.runs.walking import WalkingMetrics, walking_metrics
 from lgmpc.typing import Array, BoolArray
 
-__all__ = [
-    "EstimatorErrors",
-    "Metrics",
-    "SensorFaults",
-    "Timing",
-    "compute_metrics",
-    "estimator_errors",
-    "flat_metrics",
-    "metric_names",
-    "rpy_deg",
-    "slide",
-    "tilt_and_yaw_deg",
-    "timing",
-]
-
 
 @described
 @dataclass(frozen=True)

@@ -14,8 +14,6 @@ from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, RunLog
 from lgmpc.typing import BoolArray
 
-__all__ = ["FALL_HEIGHT_FRACTION", "FALL_TILT_DEG", "LOW_MODES", "ModeMetrics", "fallen_ticks", "falls", "mode_metrics"]
-
 FALL_TILT_DEG = 45.0
 """A base tilted further than this has fallen."""
 

@@ -18,8 +18,6 @@ from lgmpc.runs.channels import ArrayFile, Channel, Quantity
 if TYPE_CHECKING:
     from lgmpc.runs.result import RunResult, SolveResult
 
-__all__ = ["Column", "Recorded", "columns_of"]
-
 
 @dataclass(frozen=True)
 class Column:

@@ -20,8 +20,6 @@ from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 from lgmpc.world import World
 
-__all__ = ["LogSettings", "Recorder"]
-
 
 class LogSettings(Settings):
     """Settings of the saved log."""

@@ -22,18 +22,6 @@ from lgmpc.runs.figures import figure_number, figure_words
 from lgmpc.runs.gate import Verdict
 from lgmpc.runs.metrics import Metrics, flat_metrics
 
-__all__ = [
-    "RESULT_FILE",
-    "SCHEMA",
-    "HostInfo",
-    "RunResult",
-    "SettingsChange",
-    "SolveResult",
-    "host_info",
-    "kind_of",
-    "versions",
-]
-
 _SHOWN = ("survived_s", "max_tilt_deg", "max_displacement_m", "max_slip_m", "max_abs_torque_nm", "real_time_factor")
 """Metrics of a closed loop that its text has."""
 

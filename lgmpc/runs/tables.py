@@ -10,8 +10,6 @@ from lgmpc.runs.events import Event, EventKind, event_lines
 from lgmpc.runs.figures import figure_number, figure_of, figure_words
 from lgmpc.runs.limited import Nearest
 
-__all__ = ["Table", "events_table", "figures_table", "limits_table", "margins_table"]
-
 _MARKS = {EventKind.CAUSE: "strong", EventKind.MODE: "weak"}
 
 

@@ -12,9 +12,6 @@ from lgmpc.errors import RunFolderError
 from lgmpc.runs.channels import ArrayFile, channel, channels_of, described
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["TrajectoryLog"]
-
-
 _array = partial(channel, "array")  # axes of the same name have equal lengths
 _TABLES = ("nodes", "intervals", "iterations")
 

@@ -22,8 +22,6 @@ from lgmpc.runs.intervals import push_intervals
 from lgmpc.runs.log import CONTACT_STATES, RunLog
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["WalkingMetrics", "body_velocity", "heading", "stride_mean", "walking_metrics"]
-
 SETTLING_S = 0.5
 """Time after a change of the command or of the push in which errors are not evaluated, s."""
 

@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 
 from lgmpc.errors import InputError
 
-__all__ = ["Difference", "differing", "leaves", "write_at"]
-
 _NAMED = ("world",)
 """Sections for which the name of their kind stands, or a list of kinds in a row."""
 

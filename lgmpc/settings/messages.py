@@ -17,8 +17,6 @@ from pydantic_core import ErrorDetails
 from lgmpc.errors import InputError
 from lgmpc.settings import PROBLEM, Problem, Settings, Words
 
-__all__ = ["Finding", "find_problems", "first_input_error", "show_value"]
-
 _EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a table {{key: value}}",

@@ -32,8 +32,6 @@ from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings, settin
 from lgmpc.solvers.solution import Solution
 from lgmpc.status import Status
 
-__all__ = ["AugmentedLagrangianFddp", "AugmentedLagrangianSettings"]
-
 _FACTOR, _HIGHEST = 10.0, 1e9  # growth of the penalty, and where the problem counts as infeasible
 _ENOUGH = 0.25  # fraction of the last violation that counts as progress
 _FIRST = (1e-3, 1e3)  # range of the first penalty

@@ -23,8 +23,6 @@ from lgmpc.solvers.sweep import BackwardSweep, Expansion, all_finite, bilinear, 
 from lgmpc.status import Status
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["BoxFddp", "BoxSweep", "ControlBounds", "bounded_rows"]
-
 _ROUNDING = 1e-12  # largest violation of a bound by a free control, relative to the bound
 _EXCHANGES = 10  # most iterations of the active set; beyond them the regularisation increases
 

@@ -29,8 +29,6 @@ from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["Fddp", "FddpSettings", "check_unconstrained"]
-
 # Crocoddyl's: step lengths in the order of their trials, least share of the expected decrease of an accepted step, the
 # same of an increase by closing gaps, slope of a flat cost, largest gap of a feasible guess.
 _STEP_LENGTHS = tuple(2.0**-i for i in range(10))

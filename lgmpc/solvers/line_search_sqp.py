@@ -40,8 +40,6 @@ from lgmpc.solvers.sweep import all_finite
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["LineSearchSqp", "LineSearchSqpSettings"]
-
 _KEPT = (0.0, 0.5, 0.9, 0.99)  # fractions of gaps and violations kept by relaxed subproblems, tried in this order
 _LEAST_TOLERANCE = 1e-13  # smallest decrease that exceeds rounding errors
 _ROUNDING = 1e-13  # of the penalty function

@@ -18,19 +18,6 @@ from lgmpc.solvers.solution import Solution
 from lgmpc.status import Status
 from lgmpc.typing import Array, instance
 
-__all__ = [
-    "Callback",
-    "History",
-    "Iterate",
-    "IterativeSolver",
-    "Progress",
-    "Solver",
-    "SolverSettings",
-    "check_limits",
-    "settings_of",
-]
-
-
 K = TypeVar("K", bound="SolverSettings")
 
 

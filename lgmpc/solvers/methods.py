@@ -20,9 +20,6 @@ from lgmpc.solvers.loop import Solver, SolverSettings
 from lgmpc.solvers.nlp import NlpSettings, NlpSolver
 from lgmpc.typing import instance
 
-__all__ = ["AnySolverSettings", "check_method", "make_solver"]
-
-
 _METHODS: Mapping[str, tuple[type[SolverSettings], Callable[..., Solver]]] = {
     "fddp": (FddpSettings, Fddp),
     "box_fddp": (FddpSettings, BoxFddp),

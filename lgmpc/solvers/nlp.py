@@ -24,8 +24,6 @@ from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["NlpSettings", "NlpSolver"]
-
 _STATUS = {
     "Solve_Succeeded": Status.CONVERGED,
     "0": Status.CONVERGED,  # fatrop's

@@ -27,8 +27,6 @@ from lgmpc.state import State
 from lgmpc.status import Status
 from lgmpc.typing import Array, instance, numbers
 
-__all__ = ["RealTimeSqp"]
-
 
 class RealTimeSqp:
     """Real-time iterations on one :class:`~lgmpc.ocp.ShootingProblem`.

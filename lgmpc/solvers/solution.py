@@ -17,8 +17,6 @@ from lgmpc.solvers.sweep import BackwardSweep, Expansion
 from lgmpc.status import Status
 from lgmpc.typing import Array, instance, numbers
 
-__all__ = ["Solution", "Timings"]
-
 _DERIVATIVES = ("A", "B", "C", "D", "q", "r")
 _ACTIVE = 1e-9  # multiplier of a row that is at its bound
 _FLAT = 1e-9  # curvature that counts as none, relative to the largest

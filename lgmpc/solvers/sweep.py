@@ -31,17 +31,6 @@ from lgmpc.compile import SQUARES, aligned_zeros, compile_source, frame_of
 from lgmpc.ocp import OcpQp, ShootingFunctions
 from lgmpc.typing import Array
 
-__all__ = [
-    "BackwardSweep",
-    "Expansion",
-    "all_finite",
-    "bilinear",
-    "compile_stages",
-    "penalised_feedback",
-    "products",
-    "work_size",
-]
-
 
 @dataclass
 class Expansion:

@@ -15,8 +15,6 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = ["ProductState", "State", "StateVector"]
-
 
 class State(ABC):
     """A manifold with ``x (+) dx`` and ``x1 (-) x0``: the space of the points of a trajectory.

@@ -21,17 +21,6 @@ import pinocchio as pin
 from lgmpc.errors import ModelError
 from lgmpc.lie.symbolic import quaternion, se3, so3
 
-__all__ = [
-    "JOINT_KINDS",
-    "Block",
-    "BlockKind",
-    "configuration_blocks",
-    "difference_jacobians",
-    "difference_symbolic",
-    "integrate_configuration_symbolic",
-    "integrate_jacobians",
-]
-
 
 class BlockKind(Enum):
     """The Lie group of a block."""

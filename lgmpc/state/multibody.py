@@ -22,8 +22,6 @@ from lgmpc.state.configuration import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["StateMultibody"]
-
 _UNIT_NORM = {BlockKind.CIRCLE: 0, BlockKind.ROTATION: 0, BlockKind.PLACEMENT: 3}
 """First entry of the part of unit norm in the blocks that have one."""
 

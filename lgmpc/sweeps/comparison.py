@@ -20,8 +20,6 @@ from lgmpc.settings.dotted import Difference, differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document, read_rows
 from lgmpc.sweeps.rows import Estimate, Row, mean_difference, paired, place
 
-__all__ = ["Comparison", "Quantity", "compare_folders", "higher_is_better", "is_sweep", "judged"]
-
 _HIGHER_IS_BETTER = ("survived_s", "real_time_factor", "passed", "boundary", "walking.ends_standing")
 
 

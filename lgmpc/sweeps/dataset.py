@@ -22,8 +22,6 @@ from lgmpc.runs.atomic import reason_of
 from lgmpc.runs.recorded import columns_of
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["check_dataset", "write_dataset"]
-
 FPS = 50
 _FEATURES = {"observation.state": ("q", "v", "command"), "action": ("tau_command",)}
 _FILE = "chunk-000/file-000.parquet"

@@ -35,8 +35,6 @@ from lgmpc.sweeps.settings import (
 )
 from lgmpc.typing import Array
 
-__all__ = ["Point", "Sweep", "load_sweep", "parse_sweep", "scaled"]
-
 
 @dataclass(frozen=True)
 class Point:

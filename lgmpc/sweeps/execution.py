@@ -19,8 +19,6 @@ from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
 
-__all__ = ["FinishedSweep", "SweepProgress", "run_sweep"]
-
 
 @dataclass(frozen=True)
 class SweepProgress:

@@ -20,8 +20,6 @@ from lgmpc.runs.atomic import reason_of
 from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Row
 
-__all__ = ["DOCUMENT", "ROWS", "SUMMARY", "SweepFolder", "read_document", "read_rows"]
-
 DOCUMENT, ROWS, SUMMARY = "sweep.yaml", "results.jsonl", "summary.json"
 _HEAD = "# A sweep; `lgmpc sweep` on this file repeats it, with --out and --resume continues it.\n"
 _FREE = ("logs", "time_limit_s", "memory_limit_gb", "expect")

@@ -10,8 +10,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from multiprocessing import connection, get_context, parent_process
 from typing import Any, TypeVar
 
-__all__ = ["Died", "Hung", "Pool", "available_cores"]
-
 T = TypeVar("T")
 R = TypeVar("R")
 

@@ -19,8 +19,6 @@ from lgmpc.viz.figure_files import PALETTE, Drawing, draw_figures
 from lgmpc.viz.page import write_page
 from lgmpc.viz.report import code, figures, folded, report_page, section, table, words
 
-__all__ = ["boundary_drawing", "draw_sweep", "load_results", "sweep_drawing", "write_sweep_report"]
-
 _COLUMNS = 3
 _BESIDE = 0.08
 """Distance between the marks of two variants at one level, in units of that between levels."""

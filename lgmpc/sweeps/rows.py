@@ -18,8 +18,6 @@ from lgmpc.settings.messages import show_value
 if TYPE_CHECKING:
     from lgmpc.sweeps.design import Point
 
-__all__ = ["Ending", "Estimate", "Row", "mean_difference", "median", "paired", "place", "share"]
-
 
 class Ending(str, Enum):
     """The ending of a point."""

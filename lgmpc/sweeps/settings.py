@@ -21,23 +21,6 @@ from lgmpc.settings import (
     problems,
 )
 
-__all__ = [
-    "BisectionSettings",
-    "Choice",
-    "Directions",
-    "Distribution",
-    "Expectation",
-    "Factor",
-    "Horizontal",
-    "Keys",
-    "LogChoice",
-    "Normal",
-    "Samples",
-    "SweepSettings",
-    "Uniform",
-    "Values",
-]
-
 Number = Annotated[int, Field(strict=True, ge=0, lt=2**31)]
 Points = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 

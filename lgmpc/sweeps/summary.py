@@ -16,17 +16,6 @@ from lgmpc.sweeps.design import Point, Sweep
 from lgmpc.sweeps.rows import Ending, Estimate, Row, mean_difference, median, paired, place, share
 from lgmpc.sweeps.settings import Choice, Directions, Expectation
 
-__all__ = [
-    "Group",
-    "Pairing",
-    "Summary",
-    "group_table",
-    "level_text",
-    "point_table",
-    "summarize",
-    "summary_tables",
-]
-
 MOST_GROUPS = 24
 """Largest number of groups by the levels of all factors; beyond it, points are grouped by base and variant."""
 

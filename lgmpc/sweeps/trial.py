@@ -21,8 +21,6 @@ from lgmpc.sweeps.design import scaled
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.settings import BisectionSettings
 
-__all__ = ["Boundary", "Task", "bisect", "compute", "start_worker", "warm"]
-
 
 @dataclass(frozen=True)
 class Task:

@@ -20,8 +20,6 @@ from lgmpc.typing import Array, IntArray
 from lgmpc.viz.mesh import Mesh, mesh_of, shade, triangles_of
 from lgmpc.viz.scene import Material, Scene
 
-__all__ = ["Body", "Part", "load_body"]
-
 _LOG = logging.getLogger(__name__)
 
 _SCHEMA = "http://www.collada.org/2005/11/COLLADASchema"

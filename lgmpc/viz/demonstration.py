@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
-__all__ = ["demo_page", "draw_demo"]
-
 _LONG_LEGEND = 4
 """Largest number of legend entries inside the axes; longer legends are beside them."""
 

@@ -19,27 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
-__all__ = [
-    "EXTRA",
-    "INK",
-    "LIMIT",
-    "PALETTE",
-    "PUSH",
-    "SOFT",
-    "Drawing",
-    "Plots",
-    "X",
-    "Y",
-    "Z",
-    "draw_figures",
-    "figure_heading",
-    "figure_maker",
-    "figure_title",
-    "legend_above",
-    "svg_figures",
-]
-
 X, Y, Z = "#0072B2", "#E69F00", "#009E73"  # Okabe and Ito's palette, distinguishable by colour-blind readers
 LIMIT, PUSH, EXTRA = "#D55E00", "#D55E00", "#CC79A7"
 INK, SOFT = "#1d2733", "#5b6877"

@@ -20,8 +20,6 @@ from lgmpc.runs.atomic import reason_of
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-__all__ = ["FILM_KINDS", "find_ffmpeg", "headless_chromium", "write_film"]
-
 FILM_KINDS = {
     ".mp4": ("-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart"),
     ".gif": ("-filter_complex", "[0:v]scale=iw/2:-1,split[a][b];[a]palettegen[p];[b][p]paletteuse"),

@@ -14,18 +14,6 @@ from lgmpc.viz.mesh import cone, cylinder, disc, funnel, sphere, tube
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Terrain
 
-__all__ = [
-    "COLORS",
-    "Contacts",
-    "Scale",
-    "add_arrow",
-    "add_ball",
-    "add_path",
-    "add_place",
-    "add_plumb_line",
-    "turns_to",
-]
-
 # Okabe and Ito's palette, distinguishable by colour-blind readers.
 COLORS = {
     "forces": 0x009E73,

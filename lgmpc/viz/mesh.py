@@ -13,21 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from lgmpc.typing import Array, IntArray
 
-__all__ = [
-    "Mesh",
-    "box",
-    "cone",
-    "cylinder",
-    "disc",
-    "ellipsoid",
-    "funnel",
-    "mesh_of",
-    "shade",
-    "sphere",
-    "triangles_of",
-    "tube",
-]
-
 CREASE_DEG = 35.0
 """The edge between faces at a larger angle, degrees, is drawn sharp."""
 

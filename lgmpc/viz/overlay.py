@@ -19,8 +19,6 @@ from lgmpc.viz.mesh import disc, sphere
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Terrain
 
-__all__ = ["Frames", "Pictures", "SPEED_SHOWN_M_S", "add_overlay", "add_trajectory_overlay", "path_names", "thrusters"]
-
 SPEED_SHOWN_M_S = 0.5
 """Velocity whose arrow has the scale's length, m/s."""
 

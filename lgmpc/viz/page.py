@@ -23,18 +23,6 @@ from lgmpc.runs import atomic_write
 from lgmpc.typing import Array
 from lgmpc.viz.scene import Scene
 
-__all__ = [
-    "Readout",
-    "embed_page",
-    "filled",
-    "frame_of",
-    "in_notebook",
-    "open_page",
-    "page_of",
-    "time_line",
-    "write_page",
-]
-
 _READOUT_COLORS = ("#0072b2", "#8a5a9e")
 """Colours of the first and the second curve on the time line."""
 

@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["FIGURES", "plot_run", "run_drawings"]
-
 _DETAIL_STRIDES = 6.0
 """Number of gait cycles in the detailed views."""
 

@@ -27,8 +27,6 @@ from lgmpc.viz.overlay import Frames
 from lgmpc.viz.stage import BOX_COLOR, BOX_SIDES, FLOOR_COLOR, field_triangles
 from lgmpc.world import Box, HeightField, Plane, World
 
-__all__ = ["RATE_HZ", "write_mcap", "write_rrd"]
-
 RATE_HZ = 100.0
 """Largest number of poses and marks a second."""
 

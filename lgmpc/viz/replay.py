@@ -32,8 +32,6 @@ from lgmpc.viz.series import friction_words
 from lgmpc.viz.stage import FLOOR_COLOR, add_stage, frame_camera
 from lgmpc.world import World
 
-__all__ = ["replay_page"]
-
 _FACTS = 11
 """Number of figures of a solution on the card; all are in run.json."""
 _WIDE = 2.5

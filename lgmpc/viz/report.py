@@ -26,19 +26,6 @@ from lgmpc.viz.replay import replay_page
 from lgmpc.viz.trajectory_plots import trajectory_drawings
 from lgmpc.world import World
 
-__all__ = [
-    "code",
-    "figures",
-    "folded",
-    "replay",
-    "report_page",
-    "run_report",
-    "section",
-    "solve_report",
-    "table",
-    "words",
-]
-
 
 def words(sentences: Iterable[str]) -> str:
     """Return a list of sentences; nothing for none."""

@@ -19,8 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from lgmpc.typing import Array, BoolArray
 from lgmpc.viz.mesh import Mesh
 
-__all__ = ["Material", "Scene"]
-
 _POSITION_STEP = 2e-5
 """Resolution of animated positions and scales, m: far below a pixel. Keys equal to it are omitted."""
 

@@ -17,18 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "JointValues",
-    "draw_forces",
-    "draw_joints",
-    "draw_xyz",
-    "finish",
-    "friction_words",
-    "label_modes",
-    "label_pushes",
-    "stacked",
-]
-
 _MODE_COLORS = {"lie": SOFT, "rise": Z, "locomote": X, "recover": Y, "sit": EXTRA, "damp": LIMIT}
 """Colours of the modes; standing has none."""
 

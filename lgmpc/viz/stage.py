@@ -14,8 +14,6 @@ from lgmpc.viz.mesh import disc, shade
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Box, HeightField, Plane, World
 
-__all__ = ["BOX_COLOR", "BOX_SIDES", "FLOOR_COLOR", "add_solids", "add_stage", "field_triangles", "frame_camera"]
-
 FLOOR_COLOR = 0xE8ECF1
 """Colour of the floor and of the fog."""
 

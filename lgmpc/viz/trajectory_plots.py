@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_trajectory", "trajectory_drawings"]
-
 _NEAR = 0.3
 """Velocities below this fraction of their limits are drawn without the limits."""
 

@@ -13,8 +13,6 @@ from lgmpc.costs.symbols import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere
 
-__all__ = ["ShapePairDistance", "box_distance", "least"]
-
 _LEAST_SINE_SQUARED = 1e-12
 """Below it two axes count as parallel: the error is at most 1e-12 of their length's square over the distance."""
 

@@ -16,8 +16,6 @@ from lgmpc.robot.feet import UP, axes_of
 from lgmpc.robot.friction import check_facets, friction_margins, pyramid_half_width
 from lgmpc.typing import instance, numbers
 
-__all__ = ["CenterOfPressure", "ContactForce", "FrictionCone", "WrenchCone"]
-
 
 class ContactForce(Residual):
     """Contact force (3,), or wrench (6,), minus ``reference``; world axes at the frame's origin, N and N.m.

@@ -17,23 +17,6 @@ from lgmpc.lie.symbolic import quaternion, so3
 from lgmpc.state.base import State
 from lgmpc.typing import instance
 
-__all__ = [
-    "CentroidalMomentum",
-    "CoMPosition",
-    "CoMVelocity",
-    "ContactControlGravity",
-    "Control",
-    "FramePlacement",
-    "FrameRotation",
-    "FrameRotationMatrix",
-    "FrameTranslation",
-    "FrameVelocity",
-    "JointAcceleration",
-    "JointPosition",
-    "StateError",
-    "root_of",
-]
-
 
 class StateError(Residual):
     """``x (-) reference``, in tangent coordinates (ndx,).

@@ -25,8 +25,6 @@ import casadi as ca
 
 from lgmpc.lie.symbolic import so3
 
-__all__ = ["Poses"]
-
 
 class Poses:
     """A group of poses: functions of CasADi matrices, one element a call.

@@ -8,8 +8,6 @@ import casadi as ca
 
 from lgmpc.lie.coefficients import a, b, horner
 
-__all__ = ["act", "canonical", "compose", "exp", "from_matrix", "half_angle_ratio", "inverse", "log", "to_matrix"]
-
 ATAN_SEAM = 0.04
 """Squared tangent of half the angle below which the logarithm uses the series of the arctangent."""
 

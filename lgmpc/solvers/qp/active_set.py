@@ -43,8 +43,6 @@ from lgmpc.solvers.sweep import all_finite, penalised_feedback
 from lgmpc.status import Status
 from lgmpc.typing import Array, numbers
 
-__all__ = ["ROW_METHODS", "ActiveSetSolver", "riccati_for", "row_methods"]
-
 _PIQP = (("sparse_multistage", 50), ("sparse_ldlt", 200))  # linear solvers and iterations of the standard fallbacks
 ROW_METHODS = ("penalties", "central_path", "active_set")
 _HELD = 1e7  # penalty of rows that gains hold at their bounds, in control weights

@@ -20,8 +20,6 @@ from lgmpc.solvers.qp.protocol import RiccatiSolver
 from lgmpc.solvers.sweep import compile_stages, work_size
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["DenseRiccati"]
-
 _VALUES = 2  # their place in a frame
 _LOAD, _FACTOR, _SOLVE, _MEASURE = range(4)
 

@@ -24,8 +24,6 @@ from lgmpc.solvers.sweep import all_finite
 from lgmpc.status import Status
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["GeneralQpSolver", "OsqpSolver", "PiqpSolver"]
-
 KKT_SOLVERS = ("sparse_ldlt", "sparse_multistage")
 _FAR = 1e3  # times the tolerance: a point that is further from feasible than this is no approximate solution
 _NEAR = 1e-6  # a point that is nearer than this is one, whatever the tolerance

@@ -14,8 +14,6 @@ from lgmpc.ocp import KktResidual, OcpQp, kkt_residual
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["LARGE_STAGE", "QpSolution", "QpSolver", "RiccatiSolver", "is_large"]
-
 LARGE_STAGE = 30
 """States and controls of a stage from which dense blocks pay."""
 

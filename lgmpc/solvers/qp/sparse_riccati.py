@@ -20,8 +20,6 @@ from lgmpc.compile import StageKernel, cached
 from lgmpc.ocp import OcpQp, OcpQpStructure
 from lgmpc.solvers.qp.protocol import RiccatiSolver
 
-__all__ = ["SparseRiccati"]
-
 
 class SparseRiccati(RiccatiSolver):
     """:class:`~lgmpc.solvers.qp.protocol.RiccatiSolver` in scalar code, on the problem's own memory.

@@ -13,6 +13,7 @@ from lgmpc.config.execution import run_config as run_config, solve_config as sol
 from lgmpc.sweeps import load_sweep as load_sweep, run_sweep as run_sweep
 from lgmpc.hardware import deploy as deploy
 from lgmpc.runs import load_run as load_run
+from lgmpc.live.notebook import drive as drive
 from lgmpc.config.showing import (
     show as show,
     plot as plot,

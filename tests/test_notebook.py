@@ -84,7 +84,7 @@ import nbclient, nbformat
 cells = {cells!r}
 notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
 nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
-run, shown, path, plots, figure = (cell.outputs for cell in notebook.cells)
+run, shown, path, plots, figure, page, driven = (cell.outputs for cell in notebook.cells)
 *told, text = run  # streams of several messages, and of compilations where the cache is empty
 assert "loading the robot" in told[0].text, told
 assert "<PASS solo12_stand: survived 4 s" in text.data["text/plain"], text
@@ -94,6 +94,10 @@ for (output,) in (shown, path):
     assert html.startswith("<div><iframe srcdoc=") and len(html) > 500_000
 assert plots[0].data["text/html"].count('<img src="data:image/png;base64,') > 3
 assert "image/png" in figure[0].data, figure
+assert page[0].data["text/html"].startswith('<div><iframe src="http://127.0.0.1:'), page
+served, ended = driven
+assert "viser" in served.text.lower(), served
+assert "<INTERRUPTED solo12_stand: survived" in ended.data["text/plain"], ended
 """
 CELLS = [
     """
@@ -106,6 +110,12 @@ run""",
     "lgmpc.show(str(run.folder.path))",
     "run.plot()",
     "lgmpc.plot(run)['torques']",
+    "page = lgmpc.drive(config)\npage",
+    """
+import time, urllib.request
+print(urllib.request.urlopen(page.url).read(2000).decode())
+time.sleep(0.5)
+page.close()""",
 ]
 
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,12 @@ def process_that_says(words: str, *arguments: str) -> Iterator[tuple[subprocess.
     """A process of lgmpc, and what follows some words of what it prints."""
     environment = {**os.environ, "PYTHONPATH": str(SUPPORT), "PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "lgmpc", *arguments]
+    begun = monotonic()
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     try:
         assert process.stderr is not None
         line = next(line for line in process.stderr if words in line)
+        print(f"{line.strip()} ({monotonic() - begun:.1f} s after the command)")
         yield process, line.partition(words)[2].strip()
     finally:
         process.kill()

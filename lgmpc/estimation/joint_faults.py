@@ -97,22 +97,17 @@ class JointFaultMonitor:
         Returns:
             The joint whose share changed; None if none did.
         """
-        found, memory, commands = None, self._memory, self._commands
+        memory, commands = self._memory, self._commands
         elapsed = max(state.time - self._time, self._period)
-        if elapsed < _LONGEST_GAP_S:
+        if elapsed > _LONGEST_GAP_S:
+            self.reset()
+        elif elapsed > 1.5 * self._period:
             for _ in range(min(round(elapsed / self._period) - 1, len(commands))):
                 commands[1:] = commands[:-1]
-            memory["torques"][:] = commands[-1]
-            if math.isfinite(np.add.reduce(memory["torques"])):
-                np.subtract(state.v, memory["v"], out=memory["acceleration"])
-                memory["acceleration"] /= elapsed
-                self._run()
-                memory["state"][:] = self._next
-                found = self._judge(state.time)
-        else:
-            self.reset()
-        memory["q"][:], memory["v"][:], self._time = state.q, state.v, state.time
-        return found
+        memory["torques"][:], memory["elapsed"][0], memory["v_next"][:] = commands[-1], elapsed, state.v
+        self._run()
+        memory["state"][:], memory["q"][:], memory["v"][:], self._time = self._next, state.q, state.v, state.time
+        return self._judge(state.time)
 
     def expect(self, torques: Array) -> None:
         """Store the torques (nu,) of the command that was just computed, as the motors should give them, N.m."""
@@ -150,7 +145,15 @@ def legs_of_three(robot: Robot) -> list[list[int]] | None:
 def _lost_shares(robot: Robot) -> ca.Function:
     """One update. State: slow mean of the residual, both smoothed, and sums r phi, phi phi, r r with fading memory."""
     nu = robot.nu
-    sizes = {"q": robot.nq, "v": robot.nv, "acceleration": robot.nv, "torques": nu, "state": 12 + 8 * nu + 1, "keep": 3}
+    sizes = {
+        "q": robot.nq,
+        "v": robot.nv,
+        "v_next": robot.nv,
+        "elapsed": 1,
+        "torques": nu,
+        "state": 13 + 8 * nu,
+        "keep": 3,
+    }
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     q, v, torques = given["q"], given["v"], given["torques"]
     steady_keep, smooth_keep, keep = ca.vertsplit(given["keep"])
@@ -158,7 +161,7 @@ def _lost_shares(robot: Robot) -> ca.Function:
     assert legs is not None
     height = float(robot.q_reference[2])
     least = _STRETCHED * height**3
-    forces = robot.symbolic.rnea(q, v, given["acceleration"])
+    forces = robot.symbolic.rnea(q, v, (given["v_next"] - v) / given["elapsed"])
     contacts = ContactPoints(robot, q, v, ca.SX(np.tile(UP, robot.nc)))
     jacobian = contacts.jacobian()
     residual, unit = forces[:base], ca.SX(base, nu)
@@ -193,6 +196,8 @@ def _lost_shares(robot: Robot) -> ca.Function:
     for j in range(nu):
         suspect = ca.if_else(score[j] > best, j, suspect)
         best = ca.fmax(best, score[j])
+    known = ca.fabs(ca.sum1(residual)) < math.inf  # of the first tick no torque is
     state_next: Any = ca.vertcat(steady, smooth, smooth_lost, products, squares, square)
+    state_next, best = ca.if_else(known, state_next, given["state"]), ca.if_else(known, best, 0.0)
     outputs = ca.cse([state_next, share, ca.vertcat(best, suspect)])
     return ca.Function("lost_torques", list(given.values()), outputs, list(given), ["state_next", "lost", "best"])

@@ -13,6 +13,7 @@ from lgmpc.control.interface import RobotState
 from lgmpc.errors import InputError
 from lgmpc.estimation import JointFaultMonitor
 from lgmpc.robot import Robot
+from lgmpc.runs import Outcome
 
 PERIOD = 1e-3
 FAULT_S = 0.3
@@ -88,6 +89,19 @@ def test_without_a_motor_a_standing_robot_lies_down(plant: str, joint: str, lies
     lies = log.mode == 0
     assert metrics.modes.descents == 1 and lies[-1] and log.time[np.argmax(lies)] < lies_s
     assert metrics.max_tilt_deg < 12.0 and metrics.falls == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
+def test_with_a_weak_knee_it_trots_on_and_without_another_it_lies_down(plant: str) -> None:
+    result = prepare(load_config("solo12_motor_fault", [f"plant.kind={plant}"])).run(lambda progress: None)
+    log, shares = result.log, result.log.motor_shares
+    assert shares is not None and result.verdict.outcome is Outcome.PASS, result.verdict.reasons
+    weak, dead = (log.joint_names.tolist().index(name) for name in ("FL_KFE", "HR_KFE"))
+    assert log.time[np.argmax(shares[:, weak] < 1.0)] < 2.2 and log.time[np.argmax(shares[:, dead] == 0.0)] < 5.2
+    assert shares[-1, weak] == pytest.approx(0.5, abs=0.05) and np.delete(shares[-1], [weak, dead]).min() == 1.0
+    walks = (log.time > 3.0) & (log.time < 5.0)
+    assert np.mean(log.v[walks, 0]) == pytest.approx(0.4, abs=0.03) and log.tilt_deg[walks].max() < 4.0
 
 
 def test_legs_of_two_joints_are_refused() -> None:

@@ -130,8 +130,13 @@ class Planner:
 
     @property
     def wrench(self) -> Array:
-        """(N, 6) predicted external wrench: the observed one, which fades."""
+        """(N, 6) predicted external wrench: the observed one, which fades, and acts on the ground only.
+
+        A mass that the model lacks, and torques that saturate, have no wrench in the air. To make up for it there in
+        advance, a robot would jump too high.
+        """
         predicted: Array = self._fading * self.observer.wrench
+        predicted *= self.contacts.flags.any(axis=1)[:, None]
         return predicted
 
     def forecast(self, state: MeasuredState, contacts: ContactHorizon, motion: MotionReference, wrench: Array) -> Plan:

@@ -275,12 +275,12 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, inputs, time = self.modes, self._inputs, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        ground, moving = feet.ground, self.command.moves
+        performance, moving, ground = self._performer.present, self.command.moves, feet.ground
         upright = terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
+        upright = upright if performance is None else performance.upright
         upright = upright if terms.finite else math.nan
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
-        performance = self._performer.present
-        inputs.maneuver = self._performer.wanted(request)
+        inputs.maneuver, inputs.dropped = self._performer.wanted(request)
         speed = math.hypot(terms.px, terms.py) / self.robot.mass
         inputs.settled = inputs.maneuver and speed < _REST and all(feet.settled)
         inputs.performed = performance is not None and performance.done
@@ -288,6 +288,7 @@ class LeggedController:
         inputs.lame, inputs.failure = self.faults.lame, ""
         if mode is Mode.DAMP:
             inputs.rearmed = self._rest.update(time, upright, state.v, request.mode)
+            inputs.dropped &= self._fall.drops(time, float(terms.momentum[2]) / self.robot.mass)
         elif mode is Mode.LIE:
             inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_retraction.done(time)
         else:
@@ -309,8 +310,10 @@ class LeggedController:
         _LOG.log(level, "%s at %.3f s%s: the robot %s", transition.name, state.time, why, mode.value)
         inputs.lifted = False
         self._fall.reset()
-        if self._performer.present is not None:
-            self._end_maneuver(state.time)
+        ended = self._performer.present is not None
+        if ended:  # it stands where the feet are
+            self._performer.end()
+            self._begin_at_feet(state.time)
         if mode is Mode.DAMP:
             self.wbc.reset()
             self._rest.begin(inputs.request)
@@ -327,22 +330,15 @@ class LeggedController:
             self._rise_motion.begin(state.time, np.zeros(3), lying, self.faults.sinking_s if inputs.lame else None)
         elif mode is Mode.MANEUVER:
             self._performer.begin(None if inputs.falling else self.commands.at(state.time).maneuver)
-        elif transition.name == "risen" and self.planner is not None:
-            self.planner.reset()
         elif transition.name == "halt":
             # It was to move, not to reach a place: it stands above its feet, wherever they came down.
             heading = self._desired.builder.yaw
             self._desired.builder.begin(self.feet.legs.above(self.wbc.terms.contact_points, heading), heading)
+        if (ended or transition.name in ("risen", "turn over")) and self.planner is not None:
+            self.planner.reset()
         if not mode.upright:
             self.push_steps.stop()
             self.wbc.external_wrench[:] = 0.0
-
-    def _end_maneuver(self, time: float) -> None:
-        """Stand where the feet are."""
-        self._performer.end()
-        self._begin_at_feet(time)
-        if self.planner is not None:
-            self.planner.reset()
 
     def _begin_rising(self, time: float) -> None:
         """Stand where the feet are, and begin the way there from the belly."""

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
-from lgmpc.lie import quaternion
+from lgmpc.lie import attitude, quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import place_feet
 from lgmpc.typing import Array, BoolArray
@@ -28,6 +28,12 @@ _STRETCH = (0.05, 0.1, 0.15, 0.2, 0.25)
 
 _RISE_S, _SETTLE_S, _LONGEST_FALL_S = 0.4, 0.3, 1.0
 """s; of a landing from the touchdown to the height of standing, there, and of the fall before."""
+
+_STRETCH_S = 0.06
+"""s in which legs are stretched at the end of a planned fall."""
+
+_TILT = 20.0
+"""degrees; a planned fall ends within this of upright."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +76,27 @@ class Maneuver:
     ) -> Maneuver:
         """Sample a planned trajectory that leads from standing to standing; arguments as of :meth:`sampled`.
 
+        A fall, which has no contacts, leads to an upright attitude, and is followed by a landing.
+
         Raises:
             InputError: states of another robot, a motion that begins or ends in the air, in motion, or far from the
-                reference posture.
+                reference posture; a fall that ends far from upright.
         """
         if xs.shape[1] != robot.nq + robot.nv or flags.shape[1] != robot.nc:
             got = f"{xs.shape[1]} entries of the state and {flags.shape[1]} contacts"
             raise InputError("trajectory", got, f"{robot.nq + robot.nv} and {robot.nc}, those of {robot.name}")
-        _check_ends(robot, xs, flags)
-        return cls.sampled(name, robot, times, xs, flags, forces, period)
+        falls = not flags.any()
+        _check_ends(robot, xs, flags, falls)
+        if not falls:
+            return cls.sampled(name, robot, times, xs, flags, forces, period)
+        last_times, last_xs, last_flags, last_forces = _landing(robot, period)
+        whole = (
+            np.concatenate([times, times[-1] + _STRETCH_S + last_times]),
+            np.concatenate([xs, last_xs]),
+            np.concatenate([flags, flags[-1:], last_flags]),
+            np.concatenate([forces, forces[-1:], last_forces]),
+        )
+        return replace(cls.sampled(name, robot, *whole, period), longest_wait_s=_LONGEST_FALL_S)
 
     @classmethod
     def landing(cls, robot: Robot, period: float) -> Maneuver:
@@ -86,21 +104,7 @@ class Maneuver:
 
         It is performed by a robot that has lost the ground, wherever it falls; its duration is that of the wait.
         """
-        up, fall, rise = np.array([0.0, 0.0, 1.0]), 2.0 * period, _RISE_S
-        standing, stretched = robot.q_reference, robot.q_reference
-        data = robot.create_data()
-        pin.framesForwardKinematics(robot.model, data, standing)
-        feet = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
-        for share in _STRETCH:
-            base = standing[:3] + share * (standing[2] - feet[:, 2].mean()) * up
-            found = place_feet(robot, standing, base, feet)
-            stretched = stretched if found is None else found
-        still = np.zeros(robot.nv)
-        xs = np.array([np.concatenate([q, still]) for q in (stretched, stretched, standing, standing)])
-        flags = np.repeat([[False], [True], [True]], robot.nc, axis=1)
-        forces = flags[:, :, None] * (-robot.mass / robot.nc * robot.gravity)
-        times = np.array([0.0, fall, fall + rise, fall + rise + _SETTLE_S])
-        landing = cls.sampled("landing", robot, times, xs, flags, forces, period)
+        landing = cls.sampled("landing", robot, *_landing(robot, period), period)
         return replace(landing, longest_wait_s=_LONGEST_FALL_S)
 
     @classmethod
@@ -149,6 +153,11 @@ class Maneuver:
         )
 
     @property
+    def begins_in_the_air(self) -> bool:
+        """Whether no foot carries at its first tick."""
+        return not self.stance[0].any()
+
+    @property
     def flights(self) -> list[tuple[int, int]]:
         """First tick of each flight, and the first tick after it."""
         air = np.concatenate([[False], ~self.stance.any(axis=1), [False]])
@@ -177,17 +186,41 @@ class Maneuver:
         )
 
 
+def _landing(robot: Robot, period: float) -> tuple[Array, Array, BoolArray, Array]:
+    """Return times, states, contacts and forces of a fall onto stretched legs and of the way back to standing."""
+    up, fall = np.array([0.0, 0.0, 1.0]), 2.0 * period
+    standing, stretched = robot.q_reference, robot.q_reference
+    data = robot.create_data()
+    pin.framesForwardKinematics(robot.model, data, standing)
+    feet = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
+    for share in _STRETCH:
+        base = standing[:3] + share * (standing[2] - feet[:, 2].mean()) * up
+        found = place_feet(robot, standing, base, feet)
+        stretched = stretched if found is None else found
+    still = np.zeros(robot.nv)
+    xs = np.array([np.concatenate([q, still]) for q in (stretched, stretched, standing, standing)])
+    flags = np.repeat([[False], [True], [True]], robot.nc, axis=1)
+    forces = flags[:, :, None] * (-robot.mass / robot.nc * robot.gravity)
+    times = np.array([0.0, fall, fall + _RISE_S, fall + _RISE_S + _SETTLE_S])
+    return times, xs, flags, forces
+
+
 def _updated(terms: WholeBodyTerms, q: Array, v: Array) -> WholeBodyTerms:
     terms.update(q, v)
     return terms
 
 
-def _check_ends(robot: Robot, xs: Array, flags: BoolArray) -> None:
-    """Check that a trajectory leads from standing to standing."""
+def _check_ends(robot: Robot, xs: Array, flags: BoolArray, falls: bool) -> None:
+    """Check that a trajectory leads from standing to standing or, of a fall, in this posture to upright."""
     reference = robot.q_reference[robot.joint_q]
+    if falls:
+        tilt = float(np.degrees(attitude.tilt(so3.from_quaternion(xs[-1, 3:7]))))
+        if tilt > _TILT:
+            raise InputError("trajectory", f"a fall that ends {tilt:.0f} degrees from upright", f"at most {_TILT:g}")
     for where, x, stance in (("beginning", xs[0], flags[0]), ("end", xs[-1], flags[-1])):
-        off, speed = np.abs(x[: robot.nq][robot.joint_q] - reference), np.abs(x[robot.nq :]).max()
-        if not stance.all():
+        off = np.abs(x[: robot.nq][robot.joint_q] - reference)
+        speed = np.abs(x[robot.nq :][robot.joint_v] if falls else x[robot.nq :]).max()
+        if not (stance.all() or falls):
             raise InputError("trajectory", f"feet in the air at its {where}", "one that begins and ends on all feet")
         if speed > _SPEED:
             raise InputError("trajectory", f"a speed of {speed:.2g} at its {where}", f"rest: less than {_SPEED:g}")

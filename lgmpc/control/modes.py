@@ -43,6 +43,9 @@ __all__ = [
 _LOST_S = 0.03
 """s without contact of any foot after which a standing robot falls."""
 
+_FREE_M_S2 = 8.0
+"""Least acceleration downwards of a robot that falls freely."""
+
 _LEVEL, _HIGH_SHARE = math.cos(math.radians(20.0)), 0.85
 """Least cosine of the tilt, and of the height of standing, of a robot that falls onto its feet and not from them."""
 
@@ -132,6 +135,7 @@ class TransitionInputs:
         performed: the planned motion is over.
         lame: a motor is dead without which the robot would topple before it came to rest.
         falling: the robot stood, and has lost the ground under all feet.
+        dropped: the robot is damped and falls freely, and a planned motion in the air is commanded.
     """
 
     request: str = "stand"
@@ -147,6 +151,7 @@ class TransitionInputs:
     performed: bool = False
     lame: bool = False
     falling: bool = False
+    dropped: bool = False
 
 
 @dataclass(frozen=True)
@@ -182,6 +187,7 @@ TRANSITIONS: tuple[Transition, ...] = (
     _way("recover", frozenset({Mode.STAND, Mode.LOCOMOTE}), Mode.RECOVER, lambda s: s.stepping and s.reacting),
     _way("take off", frozenset({Mode.STAND}), Mode.MANEUVER, lambda s: s.maneuver and s.settled and not s.stepping),
     _way("fall", frozenset({Mode.STAND}), Mode.MANEUVER, lambda s: s.falling),
+    _way("turn over", frozenset({Mode.DAMP}), Mode.MANEUVER, lambda s: s.dropped and s.request != "damp"),
     _way("performed", frozenset({Mode.MANEUVER}), Mode.STAND, lambda s: s.performed),
     _way("set off", frozenset({Mode.STAND}), Mode.LOCOMOTE, lambda s: s.stepping),
     _way("walk on", frozenset({Mode.RECOVER}), Mode.LOCOMOTE, lambda s: s.stepping and s.moving),
@@ -236,11 +242,12 @@ class FallMonitor:
         self._tilt, self._tilted = math.cos(math.radians(s.tilt_deg)), math.cos(math.radians(s.tilt_error_deg))
         self._height = height
         self._lowest, self._error = s.height_share * height, s.height_error_share * height
-        self._low = self._off = self._unsupported = self._failing = math.inf  # since when, s
+        self.reset()
 
     def reset(self) -> None:
         """Discard all history."""
-        self._low = self._off = self._unsupported = self._failing = math.inf
+        self._low = self._off = self._unsupported = self._failing = math.inf  # since when, s
+        self._dropped, self._climb = math.nan, math.nan
 
     def falls(self, time: float, upright: float, height: float, speed: float) -> bool:
         """Return whether a standing robot has lost the ground and may land on its feet: level, as high as it stands.
@@ -253,6 +260,17 @@ class FallMonitor:
         """
         level = upright > _LEVEL and height > _HIGH_SHARE * self._height
         return level and speed < _FASTEST_M_S and time - self._unsupported >= _LOST_S
+
+    def drops(self, time: float, climb: float) -> bool:
+        """Return whether a robot, in any attitude, falls freely; call every tick.
+
+        Args:
+            time: s.
+            climb: vertical speed of the centre of mass, m/s.
+        """
+        if not climb - self._climb <= -_FREE_M_S2 * (time - self._dropped):
+            self._dropped, self._climb = time, climb
+        return time - self._dropped >= _LOST_S
 
     def tilted(self, upright: float) -> str:
         """Return the reason why a robot with cosine ``upright`` of its tilt is damped; empty if it is not."""

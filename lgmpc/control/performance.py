@@ -6,7 +6,8 @@ stop what the plan's model does not have. Two things follow the robot:
 
 - the clock. A foot that touches the ground in the second half of a flight ends it; a flight that the plan has ended
   goes on until a foot touches the ground, or the manoeuvre has failed;
-- the place. It begins where the feet stand, along the robot's heading, and goes on from where they land.
+- the place. It begins where the feet stand, along the robot's heading, and goes on from where they land. A fall is not
+  the plan's own: while it turns in the air, a plan that begins there follows the robot.
 
 In the air the whole-body QP holds the planned joint motion, stiffly: momenta cannot be changed there.
 """
@@ -24,6 +25,7 @@ from lgmpc.control.feet import Feet
 from lgmpc.control.maneuver import Maneuver
 from lgmpc.control.planner import Planner
 from lgmpc.control.reference import MotionTasks
+from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.robot import Robot
@@ -39,6 +41,9 @@ _SETTLING = 0.08
 
 _LOOK_AHEAD = 3
 """Ticks within which no joint may exceed its limits."""
+
+_FAR_RAD, _FAR_DEG = 0.5, 30.0
+"""Distance of a joint and of the base's attitude from the beginning of a plan that is then not performed."""
 
 _SURE = 2
 """Ticks of contact that end a flight."""
@@ -86,6 +91,15 @@ class Performance:
         wbc.qp.joint_horizon[0] = min(self._horizon[0], _LOOK_AHEAD * self.plan.period)
         self._before = [(task, task.weight.copy(), task.kp.copy(), task.kd.copy()) for task in changed]
         self._set_weights(flies=False)
+        off = np.abs(wbc.terms.q - self.plan.q[0])[robot.joint_q].max()
+        turned = attitude.angle_between(wbc.terms.rotation, self.plan.rotation[0])
+        if off > _FAR_RAD or turned > math.radians(_FAR_DEG):
+            self.failure = f"'{maneuver.name}' begins in another posture or attitude"
+
+    @property
+    def upright(self) -> float:
+        """Cosine of the angle between the base's vertical axis and the planned one of this tick."""
+        return float(self._wbc.terms.rotation[:, 2] @ self.plan.rotation[self._row, :, 2])
 
     @property
     def com(self) -> Array:
@@ -148,6 +162,8 @@ class Performance:
     def _fly(self, begin: int, end: int, contacts: BoolArray | None) -> None:
         """Advance in a flight: to its end if a foot touches early, no further than its end until one does."""
         self._row += 1
+        if begin == 0:
+            self._follow_feet()
         if contacts is None:
             return
         self._touching = np.where(contacts, self._touching + 1, 0)
@@ -234,21 +250,24 @@ class Performer:
         self.end()
         self._begun = None
 
-    def wanted(self, request: MotionCommand) -> bool:
-        """Return whether a command names a manoeuvre that it has not begun yet."""
+    def wanted(self, request: MotionCommand) -> tuple[bool, bool]:
+        """Return whether a command names a manoeuvre that it has not begun yet, from the ground or in the air."""
         if request.maneuver is None or request.maneuver == self._begun:
-            return False
+            return False, False
         if request.maneuver[0] not in self._known:
             _LOG.warning("there is no manoeuvre '%s': the command is ignored", request.maneuver[0])
             self._begun = request.maneuver
-            return False
-        return True
+            return False, False
+        in_the_air = self._known[request.maneuver[0]].begins_in_the_air
+        return not in_the_air, in_the_air
 
     def begin(self, maneuver: tuple[str, float] | None) -> None:
         """Begin the manoeuvre of a command, name and time, from the sensed state; None lands a robot that falls."""
         chosen = self._landing
         if maneuver is not None:
             chosen, self._begun = self._known[maneuver[0]], maneuver
+            if chosen.begins_in_the_air:
+                self._wbc.stand()
         self.present = Performance(chosen, self._wbc, self._tasks, self._robot)
 
     def end(self) -> None:

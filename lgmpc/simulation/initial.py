@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.lie import quaternion, so3
 from lgmpc.robot.actuators import actuated_joints, match_joints
 from lgmpc.robot.lying import lowest_point, lying_posture
 from lgmpc.robot.posture import put_on_ground
@@ -54,6 +55,9 @@ def initial_state(robot: Robot, settings: PlantSettings, world: World | None = N
         q = _moved(q, *world.start_pose)
         _check_start(robot, q, world)
         q[2] += settings.initial_height_m
+        if any(settings.initial_attitude_deg):
+            turn = quaternion.from_matrix(so3.exp(np.radians(settings.initial_attitude_deg)))
+            q[3:7] = quaternion.compose(q[3:7], turn)
         v[:3], v[3:6] = settings.initial_velocity_m_s, settings.initial_rotation_rad_s
     return np.concatenate([q, v])
 

@@ -72,6 +72,11 @@ class PlantSettings(Settings):
     initial_height_m: Annotated[NonNegative, Field(le=100.0)] = Field(
         default=0.0, description="Height of the robot's lowest point above the ground at the start, m: it falls."
     )
+    initial_attitude_deg: Vector3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="Rotation of the robot about its base at the start, a rotation vector in base axes, degrees: [180, "
+        "0, 0] is upside down. Its height and posture remain.",
+    )
     initial_velocity_m_s: Vector3 = Field(
         default=(0.0, 0.0, 0.0), description="Initial velocity of the robot, base axes, m/s."
     )

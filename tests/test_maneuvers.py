@@ -5,13 +5,18 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from lgmpc.config import load_config
 from lgmpc.config.build import prepare
+from lgmpc.config.robots import build_robot
 from lgmpc.config.session import SessionResult
-from lgmpc.errors import ConfigError
+from lgmpc.control.maneuver import Maneuver
+from lgmpc.errors import ConfigError, InputError
 from lgmpc.runs import Metrics
+from lgmpc.simulation.initial import initial_state
+from lgmpc.simulation.parameters import PlantSettings
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 SHORT = ("commands=[{at_s: 0.2, maneuver: jump}]", "duration_s=2.5")
@@ -81,6 +86,27 @@ def test_a_robot_jumps_onto_a_box(plant: str) -> None:
 )
 def test_a_jump_is_performed_anywhere_and_on_other_robots(changes: tuple[str, ...]) -> None:
     measured("solo12_jump_executed", *SHORT, *changes)
+
+
+@pytest.mark.slow
+def test_a_robot_that_is_tossed_up_on_its_back_turns_over_and_lands_on_its_feet() -> None:
+    run = measured("solo12_righting_executed", "duration_s=3")
+    assert run.modes is not None and run.modes.maneuvers == 1
+
+
+@pytest.mark.parametrize(("tilt", "words"), [(0.0, None), (180.0, "180 degrees from upright")])
+def test_a_fall_that_is_performed_ends_upright(tilt: float, words: str | None) -> None:
+    robot = build_robot(load_config(CONFIGS / "solo12_catch.yaml"))
+    turned = initial_state(robot, PlantSettings(initial_attitude_deg=(tilt, 0.0, 0.0), initial_height_m=1.0))
+    flags, forces = np.zeros((1, 4), dtype=np.bool_), np.zeros((1, 4, 3))
+    given = "fall", robot, np.array([0.0, 0.4]), np.array([turned, turned]), flags, forces, 1e-3
+    if words is not None:
+        with pytest.raises(InputError, match=words):
+            Maneuver.of(*given)
+        return
+    fall = Maneuver.of(*given)
+    assert fall.begins_in_the_air and fall.stance[-1].all()  # a landing follows
+    assert np.abs(fall.q[-1, 7:] - robot.q_reference[7:]).max() < 1e-9
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ here by named transitions::
                         ^                                  |
                         +------ lain -- sit <-- sit down --+      any mode -- give up, emergency stop --> damp
 
+    stand -- take off, fall --> maneuver <-- turn over -- damp            maneuver -- performed --> stand
+
 Their conditions are evaluated by :class:`FallMonitor` (tilt, height, contacts, tracking, solver failures) and
 :class:`RestMonitor` (when a damped robot may move again).
 """

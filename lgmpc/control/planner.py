@@ -136,7 +136,7 @@ class Planner:
         advance, a robot would jump too high.
         """
         predicted: Array = self._fading * self.observer.wrench
-        predicted *= self.contacts.flags.any(axis=1)[:, None]
+        predicted *= self.contacts.flags.any(axis=1, keepdims=True)
         return predicted
 
     def forecast(self, state: MeasuredState, contacts: ContactHorizon, motion: MotionReference, wrench: Array) -> Plan:

@@ -23,6 +23,7 @@ CASES = [
     ("risen", Mode.RISE, TransitionInputs(lifted=True), Mode.STAND),
     ("take off", Mode.STAND, TransitionInputs(maneuver=True, settled=True), Mode.MANEUVER),
     ("fall", Mode.STAND, TransitionInputs(falling=True), Mode.MANEUVER),
+    ("turn over", Mode.DAMP, TransitionInputs(dropped=True), Mode.MANEUVER),
     ("performed", Mode.MANEUVER, TransitionInputs(performed=True), Mode.STAND),
     ("set off", Mode.STAND, WALKS, Mode.LOCOMOTE),
     ("recover", Mode.STAND, TransitionInputs(stepping=True, reacting=True), Mode.RECOVER),

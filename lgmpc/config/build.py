@@ -191,6 +191,7 @@ def build_recorder(
     """
     mpc = next((part.mpc for _, part in config.parts() if part.mpc.enabled), None)
     optional = {
+        "belief": world is not None and bool(robot.contact_frames) and not world.level,
         "estimate": estimated,
         "fault": not isinstance(config.estimator, GroundTruth) and config.estimator.replace_implausible,
         "friction": config.joint_friction is not None,

@@ -272,6 +272,7 @@ class RunObserver:
         self._records_friction = "joint_friction" in recorder.channels
         self._records_motors = "motor_shares" in recorder.channels
         self._records_forecasts = "forecast_ms" in recorder.channels
+        self._records_belief = "believed_ground" in recorder.channels
         self._progress = progress
         self._duration = rates.ticks * rates.period
         self._every, self._last = max(1, round(_REPORT_PERIOD / rates.period)), rates.ticks - 1
@@ -340,6 +341,9 @@ class RunObserver:
             values["motor_shares"] = self._controller.faults.shares
         if self._records_forecasts:
             values["forecast_ms"] = report.forecast_ms
+        if self._records_belief:
+            ground, (x, y, z) = self._controller.feet.ground, tick.state.q[:3].tolist()
+            values["believed_ground"] = (z - ground.height_at(x, y), *ground.slope)
         if hands := self._controller.wbc.hands:
             poses = np.array([hand.poses(sample.q) for hand in hands])
             values["hand_poses"], values["hand_targets"] = poses[:, 0], poses[:, 1]

@@ -340,7 +340,7 @@ class Feet:
         path, (foothold, *rows) = self._swings[foot], self._rows[foot]
         if not self.events.searching(foot):
             moving = rows[1].tolist()
-            obstructed = path.blocked(point, velocity, rows[0].tolist(), moving, self._period)
+            obstructed = path.blocked(time, point, velocity, rows[0].tolist(), moving, self._period)
             if obstructed and (self.mapped is None or self.mapped.holds(point, moving)):
                 self._touch(math.inf)
                 path.step_over(time, point)

@@ -36,6 +36,7 @@ _PEAK = 10.0 / math.sqrt(3.0)
 """Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
 
 _OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of that are pushed
+_OBSTACLE_SHARE = 0.35  # of the height: the highest obstacle that a foot rises over
 _LOST_COMMANDS = 3
 _LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
 _RISING_SHARE = 0.6
@@ -129,13 +130,15 @@ class SwingTrajectory:
         height = self._scale
         self.retune(SwingSettings() if settings is None else settings)
         self.roughness = 0.0
-        self._obstructed = _OBSTRUCTED_SHARE * height
+        self._obstructed, self._obstacle = _OBSTRUCTED_SHARE * height, _OBSTACLE_SHARE * height
         self.liftoff = 0.0
         self.touchdown = 0.0
         self.target = (0.0, 0.0, 0.0)
         self._latest = 0.0
         self._from = (0.0, 0.0)
         self._apex_time = 0.0
+        self._again, self._floor = False, 0.0  # it steps over an obstacle; the highest ground that it expects
+        self._usual = 0.0  # duration of the swing as it began, s
         self._hastened = math.inf
         self._planned = 0.0  # when the polynomials of x and y begin
         self._ahead_s = 0.0  # by so much they end before the touchdown
@@ -180,6 +183,7 @@ class SwingTrajectory:
         self.target = (float(target[0]), float(target[1]), float(target[2]))
         self._postpone()
         z = float(position[2])
+        self._again, self._floor, self._usual = False, max(z, self.target[2]) + self._obstacle, self.touchdown - t
         top = max(z, self.target[2]) if below is None else max(z, self.target[2], float(below[1:-1].max()))
         apex, wait, apex_share = top + self.clearance + self.roughness, 0.0, s.apex_share
         if below is not None:
@@ -202,16 +206,21 @@ class SwingTrajectory:
         """Begin a swing, without rising, of a foot that is in the air at ``position`` (3,), at rest, already."""
         self.liftoff = self._apex_time = t
         self.touchdown = self._latest = touchdown
-        self._ahead_s = 0.0
+        self._ahead_s, self._again = 0.0, False
         x, y, z = (float(value) for value in position)
         self.target = (x, y, z)
         self._plan_fall(t, (z, 0.0, 0.0))
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
-    def blocked(self, position: Vector, velocity: Vector, wanted: Vector, moving: Vector, period: float = 0.0) -> bool:
+    def blocked(
+        self, t: float, position: Vector, velocity: Vector, wanted: Vector, moving: Vector, period: float = 0.0
+    ) -> bool:
         """Return whether an obstacle holds the foot back: it is behind its path, and does not catch up.
 
+        One that rises over an obstacle already is left alone on its way up.
+
         Args:
+            t: now, s.
             position: (3,) of the contact point, m.
             velocity: (3,) m/s.
             wanted: (3,) position of the path, m.
@@ -220,7 +229,7 @@ class SwingTrajectory:
         """
         vx, vy = float(moving[0]), float(moving[1])
         speed = math.hypot(vx, vy)
-        if speed < _LEAST_SPEED:
+        if speed < _LEAST_SPEED or (self._again and t < self._apex_time):
             return False
         x, y = float(wanted[0] - position[0]), float(wanted[1] - position[1])
         behind = vx * x + vy * y > (self._obstructed + _LOST_COMMANDS * period * speed) * speed
@@ -228,12 +237,13 @@ class SwingTrajectory:
 
     def step_over(self, t: float, position: Vector) -> None:
         """Begin again from ``position`` (3,), where an obstacle holds the foot: upwards, and from there on ahead."""
-        duration = max(_AGAIN_SHARE * (self.touchdown - self.liftoff), self.touchdown - t)
+        duration = max(_AGAIN_SHARE * self._usual, self.touchdown - t)
         self.touchdown = self._latest = t + duration
         self._ahead_s = 0.0
         self.liftoff, self._from = t, (float(position[0]), float(position[1]))
         x, y, z = (float(value) for value in position)
-        apex = max(z, self.target[2]) + self.clearance + self.roughness
+        apex = min(max(z, self.target[2]), self._floor) + self.clearance + self.roughness
+        apex, self._again = max(apex, z), True
         self._apex_time = t + self.settings.apex_share * duration
         self._rise = _quintic((z, 0.0, 0.0), (apex, 0.0, 0.0), self._apex_time - t)
         self._plan_fall(self._apex_time, (apex, 0.0, 0.0))

@@ -34,11 +34,11 @@ CONTACT_FORCE_N = 0.1
 
 
 _tick, _ground, _update = (partial(channel, name) for name in ("tick", "ground", "update"))  # axis "nodes": N + 1
-OPTIONAL = ("estimate", "fault", "friction", "motor", "forecast", "hand", "limit", "surface")
-"""Tables of runs with an estimator, with monitored sensors, with estimated joint friction, with motors that fail, with
-forecasts of steps against pushes, with hands that are held or moved, of continued runs whose floor or torque limits
-changed, of ground with several coefficients of friction."""
-_estimate, _fault, _friction, _motor, _forecast, _hand, _limit, _surface = (
+OPTIONAL = ("belief", "estimate", "fault", "friction", "motor", "forecast", "hand", "limit", "surface")
+"""Tables of runs on ground that is no level floor, with an estimator, with monitored sensors, with estimated joint
+friction, with motors that fail, with forecasts of steps against pushes, with hands that are held or moved, of continued
+runs whose floor or torque limits changed, of ground with several coefficients of friction."""
+_belief, _estimate, _fault, _friction, _motor, _forecast, _hand, _limit, _surface = (
     partial(channel, name, optional=True) for name in OPTIONAL
 )
 _entry = partial(channel, "entry")
@@ -124,6 +124,13 @@ class RunLog(ArrayFile):
         "quantities whose readings could not be true and were replaced: bits of SENSOR_FAULTS", dtype=np.uint8
     )
     forecast_ms: Array | None = _forecast("duration of forecasts of steps against a push", unit="ms")
+    believed_ground: Array | None = _belief(
+        "plane that the controller takes the ground under the robot for [depth below the base; rise along x, y]; not"
+        " recorded on level floors",
+        3,
+        unit="m 1 1",
+        frame="world",
+    )
     hand_poses: Array | None = _hand(
         "poses of the hands [position, quaternion x y z w]", "nh", 7, unit="m m m 1", frame="world"
     )

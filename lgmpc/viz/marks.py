@@ -28,6 +28,7 @@ COLORS = {
     "path": 0xCC79A7,
     "thrusts": 0x009E73,
     "footholds": 0xE69F00,
+    "belief": 0xCC79A7,
     "swings": 0x56B4E9,
     "command": 0x1D2733,
 }

@@ -83,6 +83,8 @@ def add_overlay(
         if not log.stance[:, foot].all():
             _add_foothold(scene, log, frames, scale, ground, foot)
             _add_swing(scene, log, frames, scale, foot)
+    if log.believed_ground is not None:
+        _add_belief(scene, log, log.believed_ground, frames, scale)
     if log.commanded:
         _add_command(scene, log, frames, scale, ground, height)
 
@@ -149,6 +151,18 @@ def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, groun
     normals = ground.normal(place[:, :2])
     shown = log.stance[frames.ticks, foot] == 0
     scene.animate(path, frames.times, position=place + 0.004 * normals, quaternion=turns_to(normals), visible=shown)
+
+
+def _add_belief(scene: Scene, log: RunLog, believed: Array, frames: Frames, scale: Scale) -> None:
+    """Add a patch of the plane that the controller takes the ground for, as far below the base as it believes."""
+    base, (depth, along_x, along_y) = log.base_pose[frames.ticks], believed[frames.ticks].T
+    normals = np.column_stack((-along_x, -along_y, np.ones_like(depth)))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    place = base[:, :3] - depth[:, None] * [0.0, 0.0, 1.0] + 0.002 * normals
+    known: BoolArray = np.asarray(np.isfinite(believed[frames.ticks]).all(axis=1))
+    place, turns = np.where(known[:, None], place, base[:, :3]), np.where(known[:, None], normals, [0.0, 0.0, 1.0])
+    scene.add_mesh("/overlay/belief/plane", disc(2.8 * scale.length), Material(COLORS["belief"], 0.35, flat=True))
+    scene.animate("/overlay/belief/plane", frames.times, position=place, quaternion=turns_to(turns), visible=known)
 
 
 def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int) -> None:

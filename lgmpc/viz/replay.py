@@ -194,6 +194,7 @@ _LEGEND = {
     "com": "centre of mass",
     "horizon": "predicted path",
     "footholds": "next footholds",
+    "belief": "ground as the robot believes",
     "swings": "swing paths",
     "command": "commanded velocity",
     "push": "push",

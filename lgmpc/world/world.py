@@ -70,6 +70,11 @@ class World:
         """Whether the ground is a single plane."""
         return len(self.surfaces) == 1 and isinstance(self.surfaces[0], Plane)
 
+    @property
+    def level(self) -> bool:
+        """Whether the ground is a single level plane."""
+        return self.planar and isinstance(floor := self.surfaces[0], Plane) and floor.normal_vector[2] == 1.0
+
     def height(self, points: Array) -> Array:
         """Return (n,) heights of the ground below points (n, 2), m; -inf where there is none."""
         top: Array = self._heights(points).max(axis=0)

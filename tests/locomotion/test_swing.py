@@ -228,9 +228,9 @@ def test_a_foot_held_back_by_an_obstacle_rises_before_it_moves_ahead_again() -> 
     swing.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))
     at = np.array([0.03, 0.0, 0.02])
     wanted, velocity, _ = sample(swing, 0.06)
-    assert not swing.blocked(wanted, np.zeros(3), wanted, velocity)  # not behind its path
-    assert not swing.blocked(at, velocity, wanted, velocity)  # it catches up
-    assert swing.blocked(at, np.zeros(3), wanted, velocity)
+    assert not swing.blocked(0.06, wanted, np.zeros(3), wanted, velocity)  # not behind its path
+    assert not swing.blocked(0.06, at, velocity, wanted, velocity)  # it catches up
+    assert swing.blocked(0.06, at, np.zeros(3), wanted, velocity)
     swing.roughness = 0.05
     swing.step_over(0.06, at)
     rows = np.array([sample(swing, t)[0] for t in np.linspace(0.06, swing.touchdown - 1e-9, 200)])
@@ -239,3 +239,20 @@ def test_a_foot_held_back_by_an_obstacle_rises_before_it_moves_ahead_again() -> 
     assert rows[:, 2].max() == pytest.approx(0.02 + swing.clearance + 0.05, abs=1e-4)
     over = np.flatnonzero(rows[:, 2] > 0.05)[0]
     assert (rows[:over, 0] == 0.03).all()
+
+
+def test_a_foot_that_steps_over_an_obstacle_does_not_climb_without_end() -> None:
+    """One that stays behind while it rises is left alone; no obstacle is higher than a third of the robot's height."""
+    swing = SwingTrajectory(height=0.3)
+    swing.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))
+    now, highest = 0.06, 0.0
+    at, ahead = np.array([0.03, 0.0, 0.02]), np.array([1.0, 0.0, 0.0])
+    for _ in range(6):
+        swing.step_over(now, at)
+        assert not swing.blocked(now + 0.02, at, np.zeros(3), at + 0.05 * ahead, ahead)
+        rows = np.array([sample(swing, t)[0] for t in np.linspace(now, swing.touchdown, 50)])
+        top = int(np.argmax(rows[:, 2]))
+        at, now = rows[top], now + top / 49 * (swing.touchdown - now)
+        assert swing.blocked(swing.touchdown - 1e-3, at, np.zeros(3), at + 0.05 * ahead, ahead)
+        highest = max(highest, at[2])
+    assert highest == pytest.approx(0.35 * 0.3 + swing.clearance, abs=1e-3)

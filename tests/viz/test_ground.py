@@ -41,6 +41,8 @@ def on_slope(run: Run) -> Run:
     q = log.q.copy()
     q[:, :3] = quaternion.act(turn, q[:, :3]) + 1.3 * UP
     q[:, 3:7] = [(pin.Quaternion(turn) * pin.Quaternion(each)).coeffs() for each in log.q[:, 3:7]]
+    depth, rise = q[:, 2] - 1.3 - math.tan(TILT) * q[:, 0], np.full(len(q), math.tan(TILT))
+    moved["believed_ground"] = np.column_stack([depth, rise, 0.0 * rise])
     return replace(run, log=replace(log, q=q, **moved))
 
 
@@ -63,6 +65,18 @@ def test_the_floor_lies_on_the_ground(contents: tuple[dict[str, Any], dict[str, 
         point = origin + quaternion.act(turn, placed(contents[1], f"/floor/{each}", "position"))
         assert SLOPE.distance(point[None])[0][0] == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_array_equal(placed(contents[0], "/floor", "quaternion"), [0.0, 0.0, 0.0, 1.0])
+
+
+def test_the_believed_ground_lies_on_the_true_one_where_the_robot_is_right(
+    contents: tuple[dict[str, Any], dict[str, Any]],
+) -> None:
+    place = at(contents[1], "/overlay/belief/plane", ".position", np.linspace(0.0, 0.2, 5))
+    np.testing.assert_allclose((place - [0.0, 0.0, 1.3]) @ NORMAL, 0.002, atol=1e-5)
+    turn = placed(contents[1], "/overlay/belief/plane", "quaternion")  # it does not change
+    np.testing.assert_allclose(
+        quaternion.act(turn / np.linalg.norm(turn), UP), NORMAL, atol=1e-4
+    )  # the page has steps of it
+    assert not any(each["path"].startswith("/overlay/belief") for each in contents[0]["commands"])
 
 
 def test_cones_stand_along_the_normal_and_warn_at_the_same_times(

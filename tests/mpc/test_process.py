@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterator
 from functools import partial
+from multiprocessing import Pipe, RawArray
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc import CentroidalMpcSettings, MeasuredState, MpcStatus, Plan
-from lgmpc.mpc.process import ProcessMpc
+from lgmpc.mpc.process import ProcessMpc, SharedValues
 
 N = 4
 SETTINGS = CentroidalMpcSettings(nodes=N, node_s=0.05)
@@ -109,3 +110,30 @@ def test_a_process_that_ends_is_started_anew(caplog: pytest.LogCaptureFixture) -
         assert update(mpc, 0.05).time == 0.04
     finally:
         mpc.close()
+
+
+def test_values_go_through_shared_memory_and_others_are_sent_whole() -> None:
+    ours, theirs = Pipe()
+    memory = RawArray("d", 1000)
+    writer, reader = SharedValues(memory), SharedValues(memory)
+    rng = np.random.default_rng(0)
+
+    def passed(*values: Any) -> tuple[Any, ...]:
+        writer.send(ours, values)
+        return reader.receive(theirs, copied=True)
+
+    for size, legs in ((3, None), (3, np.ones((4, 3))), (4, None), (200, None)):
+        for _ in range(3):
+            contacts = ContactHorizon.allocate(size, 2)
+            contacts.flags[:], contacts.points[:] = rng.random((size, 2)) > 0.5, rng.normal(size=(size, 2, 3))
+            nodes = rng.normal(size=(4, 3))
+            motion = MotionReference(nodes, nodes.T, np.zeros((4, 0)), nodes, True, legs)
+            plan = Plan(rng.normal(), 0.05, 2.0, nodes, nodes, MpcStatus.INACCURATE, 3, np.nan)
+            number, horizon, reference, found = passed(7, contacts, motion, plan)
+            assert number == 7 and type(number) is int and found.status is MpcStatus.INACCURATE
+            assert found.time == plan.time and type(found.qp_iterations) is int and np.isnan(found.update_time)
+            assert found.posture is None and reference.catching is True and (reference.legs is None) == (legs is None)
+            for mine, given in ((horizon.flags, contacts.flags), (horizon.points, contacts.points), (found.xs, nodes)):
+                np.testing.assert_array_equal(mine, given)
+                assert mine.dtype == given.dtype
+            np.testing.assert_array_equal(reference.com_velocity, nodes.T)

@@ -89,6 +89,12 @@ def test_a_jump_is_performed_anywhere_and_on_other_robots(changes: tuple[str, ..
 
 
 @pytest.mark.slow
+def test_a_robot_jumps_over_a_bar_out_of_a_trot() -> None:
+    run = measured("solo12_bar", "duration_s=5.5")
+    assert run.final_tilt_deg < 1.0
+
+
+@pytest.mark.slow
 def test_a_robot_that_is_tossed_up_on_its_back_turns_over_and_lands_on_its_feet() -> None:
     run = measured("solo12_righting_executed", "duration_s=3")
     assert run.modes is not None and run.modes.maneuvers == 1

@@ -41,17 +41,6 @@ from lgmpc.world import World, make_world
 _LINK, _DRIVES, _COMPUTING = 1, 2, 3
 """Numbers of the random streams besides that of the sensors, each seeded by the config's seed."""
 
-__all__ = [
-    "build_controller",
-    "build_drives",
-    "build_estimator",
-    "build_mpc",
-    "build_recorder",
-    "build_robot",
-    "build_sensors",
-    "prepare",
-]
-
 
 def build_sensors(config: Config, robot: Robot) -> Sensors:
     """Return the simulated sensors of section ``sensors``, their noise seeded by ``seed``."""

@@ -36,8 +36,6 @@ from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 from lgmpc.world import World
 
-__all__ = ["ClosedLoopSession", "RunObserver", "failed", "judged"]
-
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
 _MODE_CODES = {mode: MODES.index(mode.name.lower()) for mode in Mode}

@@ -14,17 +14,10 @@ from time import perf_counter
 
 import numpy as np
 
-from lgmpc.config.build import (
-    build_controller,
-    build_drives,
-    build_estimator,
-    build_mpc,
-    build_recorder,
-    build_robot,
-    build_sensors,
-)
+from lgmpc.config.build import build_controller, build_drives, build_estimator, build_mpc, build_recorder, build_sensors
 from lgmpc.config.closed_loop import RunObserver, judged
 from lgmpc.config.execution import FinishedRun, run_session
+from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult, ignore
 from lgmpc.control.interface import Command, CommandGuard, command_limits

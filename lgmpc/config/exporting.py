@@ -16,8 +16,6 @@ from lgmpc.runs.difference import first_difference
 from lgmpc.runs.folder import CONFIG_FILE, DEPLOYMENT_FILE
 from lgmpc.wbc.export import TickRecorder, write_tick_library
 
-__all__ = ["export_controller"]
-
 _LOG = logging.getLogger(__name__)
 _EXPORTED_S = 10.0
 

@@ -22,8 +22,6 @@ from lgmpc.settings import Extension
 from lgmpc.wbc import SymbolicTask, Task
 from lgmpc.wbc.settings import OwnTask
 
-__all__ = ["called", "load_extension", "own_costs", "own_tasks", "wrong"]
-
 
 def own_tasks(config: Config, robot: Robot) -> list[Task]:
     """Return the tasks of section ``wbc.tasks``.

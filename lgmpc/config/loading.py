@@ -18,19 +18,6 @@ from lgmpc.settings.dotted import write_at
 from lgmpc.settings.messages import find_problems, show_value
 from lgmpc.shipped import config_file, shipped_configs
 
-__all__ = [
-    "apply_overrides",
-    "dump_config",
-    "load_any_config",
-    "load_config",
-    "load_solve_config",
-    "parse_any_config",
-    "parse_assignment",
-    "parse_config",
-    "parse_solve_config",
-    "validated",
-]
-
 
 def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, str]:
     """Write ``overrides`` into ``data``.

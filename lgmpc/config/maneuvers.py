@@ -16,8 +16,6 @@ from lgmpc.problems.legged_settings import LeggedSettings
 from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog, load_run
 
-__all__ = ["build_maneuvers"]
-
 
 def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Maneuver]:
     """Return the planned motions of a closed loop, and check that its commands name no others.

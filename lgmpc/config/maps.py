@@ -15,8 +15,6 @@ from lgmpc.simulation.scan import DepthScan
 from lgmpc.typing import Array
 from lgmpc.world import World
 
-__all__ = ["build_map"]
-
 _KEY = "locomotion.terrain.map"
 _STREAM = 5
 """Number of the random stream of a map's errors."""

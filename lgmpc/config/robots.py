@@ -20,8 +20,6 @@ from lgmpc.runs.limited import DriveLine, JointLimits
 from lgmpc.simulation.drives import ActuatorSettings
 from lgmpc.simulation.initial import initial_state
 
-__all__ = ["build_any_robot", "build_robot", "joint_limits"]
-
 _NARROWEST = 1e-3  # width of the contact points per length, below which they are on one line
 
 

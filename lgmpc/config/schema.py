@@ -36,19 +36,6 @@ from lgmpc.solvers import AnySolverSettings, FddpSettings
 from lgmpc.wbc import WholeBodySettings
 from lgmpc.world import FloorSettings, WorldSettings
 
-__all__ = [
-    "COMMAND_LINE",
-    "MOST_TICKS",
-    "WHILE_RUNNING",
-    "Change",
-    "Config",
-    "ConfigSource",
-    "Document",
-    "GroundTruth",
-    "SolveConfig",
-    "json_schema_text",
-]
-
 COMMAND_LINE = "--set"
 """Source of a value given on the command line."""
 

@@ -30,8 +30,6 @@ from lgmpc.runs.figures import unknown_bounds
 from lgmpc.solvers import History, Progress, Solution, Solver, Status, check_method, make_solver
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["SolveSession", "build_scenario", "check_scenario", "prepare_solve", "scenario_of", "solution_as_run"]
-
 
 def build_scenario(config: SolveConfig) -> Scenario:
     """Load the robot and build the problem.

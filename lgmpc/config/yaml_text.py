@@ -16,8 +16,6 @@ import yaml
 
 from lgmpc.errors import ConfigError, shortened
 
-__all__ = ["MOST_BYTES", "MOST_VALUES", "parse_scalar", "parse_yaml", "read_text", "write_yaml"]
-
 MOST_BYTES = 262_144
 """Largest size of a document: the shipped configs have at most 6 kB, and 256 kB are parsed in about 4 s."""
 

@@ -12,8 +12,6 @@ from lgmpc.robot.actuators import match_joints
 from lgmpc.settings import NonNegative, PerJoint, Settings
 from lgmpc.typing import Array
 
-__all__ = ["DriveSettings", "JointReferences"]
-
 
 class DriveSettings(Settings):
     """Gains of the drives' own loop, ``tau + kp (q_des - q) + kd (v_des - v)``, about the motion of the whole-body QP.

@@ -18,8 +18,6 @@ from lgmpc.robot import Robot
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.wbc import WholeBodyController
 
-__all__ = ["JointFaults"]
-
 _LOG = logging.getLogger(__name__)
 
 _LEAST_SHARE = 1e-3

@@ -26,8 +26,6 @@ from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import Contacts, Task
 
-__all__ = ["Feet"]
-
 Vector = Sequence[float]  # x, y, z
 
 _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second one corrects

@@ -16,8 +16,6 @@ import numpy as np
 
 from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["Command", "CommandGuard", "Controller", "Estimator", "Measurement", "RobotState", "command_limits"]
-
 _LOG = logging.getLogger(__name__)
 
 

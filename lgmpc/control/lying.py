@@ -11,8 +11,6 @@ from lgmpc.robot.lying import crouching_posture, lying_posture, place_feet
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["LegRetraction", "RiseMotion", "LyingSettings"]
-
 _NEAR = 0.2  # rad from the lying posture, within which the legs move to it directly
 _SHORTEST = 0.3  # s of a stroke of the legs
 

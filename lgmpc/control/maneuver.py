@@ -15,8 +15,6 @@ from lgmpc.robot.lying import place_feet
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import WholeBodyTerms
 
-__all__ = ["Maneuver"]
-
 _POSTURE_ERROR = 0.25
 """rad; a manoeuvre begins and ends within this of the reference posture."""
 

@@ -32,8 +32,6 @@ from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import WholeBodyController
 
-__all__ = ["Performance", "Performer"]
-
 _LOG = logging.getLogger(__name__)
 
 _SETTLING = 0.08

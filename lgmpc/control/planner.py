@@ -15,8 +15,6 @@ from lgmpc.robot import Robot
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.wbc import Contacts, WholeBodyTerms
 
-__all__ = ["PlanSampler", "Planner"]
-
 _LEAST_LOAD = 0.02
 """Weights of the robot: a smaller force that lasts may be an error of the estimate."""
 

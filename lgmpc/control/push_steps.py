@@ -21,8 +21,6 @@ from lgmpc.mpc import MeasuredState
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 
-__all__ = ["PushSteps"]
-
 _LOG = logging.getLogger(__name__)
 _REST = 0.05  # m/s
 

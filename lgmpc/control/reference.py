@@ -23,8 +23,6 @@ from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
 from lgmpc.wbc import Task, WholeBodyTerms
 
-__all__ = ["CircleReference", "ComReference", "DesiredMotion", "MotionTasks", "StandReference"]
-
 _GRIP_SHARE = 0.5  # of what friction allows: the rest is for the balance
 
 

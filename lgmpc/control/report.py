@@ -13,8 +13,6 @@ from lgmpc.mpc import Plan
 from lgmpc.status import Status
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["TickReport"]
-
 
 class TickReport(NamedTuple):
     """State, decisions and targets of a controller's last tick, in world axes.

@@ -10,8 +10,6 @@ from lgmpc.errors import InputError
 from lgmpc.lie import checks
 from lgmpc.typing import Array
 
-__all__ = ["duration_of", "index_of", "instance", "number", "read_only", "three", "whole", "write"]
-
 _THREE = checks.tangent(3)
 
 

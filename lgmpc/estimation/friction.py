@@ -12,8 +12,6 @@ from lgmpc.compile import StageKernel
 from lgmpc.estimation.checks import number
 from lgmpc.typing import Array
 
-__all__ = ["FrictionMonitor"]
-
 _LEAST_SHARE = 0.5
 """Share of the coefficient that one update leaves at least."""
 _SMOOTHING = 0.002

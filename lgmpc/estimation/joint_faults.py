@@ -18,8 +18,6 @@ from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["JointFaultMonitor", "JointFaultSettings"]
-
 _SMOOTHED_S, _REMEMBERED_S, _STEADY_S = 0.01, 0.025, 1.0
 _EXPLAINED = 0.95
 """Least share of the residual, in squares, that a lost torque explains."""

@@ -17,8 +17,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Fraction, Positive, Settings
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["JointFrictionEstimator", "JointFrictionSettings"]
-
 _MOVING = 1.0  # rad/s: from here on the smoothed sign of a speed is one, and noise does not change it
 _FAST = 5.0  # rad/s: slower motion counts less, because friction needs some way after a reversal to develop
 _CLEAR_S = 0.01  # s from the last contact of a foot, or command to carry, until its leg is a free one

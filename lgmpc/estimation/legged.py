@@ -28,8 +28,6 @@ from lgmpc.robot.scaling import normal_force_range
 from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero
 from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["LeggedEstimator", "LeggedEstimatorSettings"]
-
 _LOG = logging.getLogger(__name__)
 
 

@@ -15,8 +15,6 @@ from lgmpc.robot.feet import UP
 from lgmpc.robot.friction import joint_friction_torque
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["ContactDetector", "LegSensing"]
-
 _DAMPING = 1e-5
 """Regularisation, m2: torques of a stretched leg do not depend on the force along it, whose estimate tends to zero."""
 

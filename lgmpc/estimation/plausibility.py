@@ -11,8 +11,6 @@ from lgmpc.control.interface import Measurement
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["MOST_FAULTS", "QUANTITIES", "MeasurementMonitor"]
-
 _LOG = logging.getLogger(__name__)
 
 QUANTITIES = ("gyro", "accelerometer", "joints", "speeds", "torques", "external_pose", "external_velocity")

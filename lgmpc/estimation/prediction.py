@@ -15,8 +15,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Settings
 from lgmpc.typing import Array
 
-__all__ = ["DelaySettings", "StatePredictor"]
-
 _SAME_TIME = 1e-9  # s
 Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)]
 

@@ -14,8 +14,6 @@ from lgmpc.compile import StageKernel
 from lgmpc.estimation.checks import duration_of, number
 from lgmpc.typing import Array
 
-__all__ = ["SteadyForce", "WrenchObserver"]
-
 _NOISE_MEMORY = 0.2  # s
 
 

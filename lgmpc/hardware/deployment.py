@@ -30,8 +30,6 @@ from lgmpc.hardware.realtime import real_time
 from lgmpc.hardware.safety import DeploymentSettings, JointLimits, Operator, Safety
 from lgmpc.typing import IntArray
 
-__all__ = ["DeployedTick", "Deployment", "Driver", "Ending", "deploy"]
-
 _LOG = logging.getLogger(__name__)
 _MOST_LATE = 0.1
 """Share of late or unanswered measurements from which on a machine is too slow."""

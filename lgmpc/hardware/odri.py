@@ -17,8 +17,6 @@ from lgmpc.control.interface import Command, Measurement
 from lgmpc.errors import InputError, LgmpcError
 from lgmpc.typing import Array
 
-__all__ = ["OdriDriver"]
-
 
 class OdriDriver:
     """A :class:`lgmpc.hardware.Driver` of an ODRI robot, clocked by this machine: the robot has no clock.

@@ -40,8 +40,6 @@ import numpy as np
 from lgmpc.control.interface import Command, Measurement
 from lgmpc.typing import IntArray
 
-__all__ = ["ANOTHER_ROBOT", "ANOTHER_SECRET", "HELLO", "NONCE", "OCCUPIED", "VERSION", "Layout"]
-
 _HEAD = struct.Struct("<4sHHHHIQ")
 VERSION = 3
 """Version of the packets."""

@@ -9,8 +9,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-__all__ = ["raise_priority", "real_time"]
-
 _LOG = logging.getLogger(__name__)
 _CURRENT_AND_FUTURE = 3
 

@@ -17,8 +17,6 @@ from lgmpc.control.interface import Command, Measurement
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["DeploymentSettings", "JointLimits", "Keys", "Operator", "Safety"]
-
 _SERIES = 3
 """Consecutive measurements beyond a limit that stop a robot: one may be a fault of a sensor."""
 

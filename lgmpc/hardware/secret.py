@@ -11,8 +11,6 @@ from pathlib import Path
 
 from lgmpc.errors import InputError
 
-__all__ = ["read_secret", "warn_of_network"]
-
 _LOG = logging.getLogger(__name__)
 _LEAST = 16  # B
 

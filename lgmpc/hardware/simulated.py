@@ -23,8 +23,6 @@ from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array
 from lgmpc.world import Terrain
 
-__all__ = ["LockStep", "NoControllerError", "RealTime", "RobotLink", "Served", "serve"]
-
 _LOG = logging.getLogger(__name__)
 
 _FIRST_S = 60.0

@@ -19,8 +19,6 @@ from lgmpc.errors import InputError
 from lgmpc.hardware.packets import ANOTHER_ROBOT, ANOTHER_SECRET, NONCE, OCCUPIED, VERSION, Layout
 from lgmpc.hardware.secret import read_secret, warn_of_network
 
-__all__ = ["LOCALHOST", "UdpDriver", "UdpRobot", "parse_address"]
-
 _LOG = logging.getLogger(__name__)
 LOCALHOST = "127.0.0.1"
 

@@ -20,8 +20,6 @@ from lgmpc.errors import InputError
 from lgmpc.hardware.unitree_messages import COMMANDS, REQUEST, RESPONSE, STATES, Codec, Struct, idl_type
 from lgmpc.typing import Array, IntArray
 
-__all__ = ["UnitreeDriver", "UnitreeRobot"]
-
 _LOG = logging.getLogger(__name__)
 _QUADRUPED = [f"{leg}_{joint}_joint" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]
 _LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")

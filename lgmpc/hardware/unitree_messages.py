@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-__all__ = ["Codec", "Struct", "crc32", "idl_type"]
-
 
 class Struct(NamedTuple):
     """A message, or a part of one.

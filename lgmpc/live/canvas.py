@@ -12,8 +12,6 @@ from lgmpc.typing import Array, BoolArray
 from lgmpc.viz.mesh import Mesh
 from lgmpc.viz.scene import Material, Scene
 
-__all__ = ["ROOT", "LiveScene", "rgb", "wxyz"]
-
 ROOT = "/world"
 """Path of all that is drawn. It is moved against the robot's way, so that the camera follows and can be turned."""
 

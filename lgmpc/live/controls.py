@@ -14,8 +14,6 @@ from lgmpc.config.schema import Config
 from lgmpc.live.wishes import Tune
 from lgmpc.settings import LARGEST
 
-__all__ = ["SettingControls", "add_worlds", "bounds_of", "field_of"]
-
 _WORLDS = {
     "floor": "floor", "slope up": "slope_10deg", "slope across": "slope_across_10deg", "stairs": "stairs_{:.0f}mm",
     "stairs over": "stairs_over_{:.0f}mm", "blocks": "blocks_{:.0f}mm", "hills": "hills_{:.0f}mm",

@@ -18,8 +18,6 @@ from lgmpc.live.wishes import Note, Order
 from lgmpc.locomotion.command import CommandEntry
 from lgmpc.robot import Robot
 
-__all__ = ["DeployedRun", "deployed_config"]
-
 
 class DeployedRun(Shown):
     """A run on a robot; the page arms, drives, disarms and stops it.

@@ -18,8 +18,6 @@ from lgmpc.simulation.loop import Rates
 from lgmpc.typing import Array
 from lgmpc.world import World, make_world
 
-__all__ = ["History"]
-
 _KEPT_S = 30.0
 """Length of what can be looked at again, s of the clock."""
 

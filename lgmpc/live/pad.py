@@ -19,8 +19,6 @@ import viser
 
 from lgmpc.live.wishes import Order
 
-__all__ = ["Pad"]
-
 _SILENCE_S = 0.5
 """Time without a message after which what was deflected counts as released, s."""
 

@@ -35,8 +35,6 @@ from lgmpc.world import Plane
 if TYPE_CHECKING:
     from lgmpc.live.history import History
 
-__all__ = ["Page"]
-
 _SWING = 30
 """Pictures over which the path of a swing is drawn."""
 _PLOTTED, _PLOTTED_EVERY = 1800, 3

@@ -14,8 +14,6 @@ import numpy as np
 
 from lgmpc.typing import Array
 
-__all__ = ["RingReader", "RingWriter"]
-
 _SLOTS = 64
 
 

@@ -35,10 +35,6 @@ from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world.settings import named_world
 
-__all__ = [
-    "EXTRAS", "PICTURE_S", "LiveRun", "PageCommands", "Pulls", "Shown", "ShownRun", "live_config", "viewed_config",
-]  # fmt: skip
-
 PICTURE_S = 1.0 / 60.0
 """Least time between two pictures, s."""
 _WISHES_S = 5e-3

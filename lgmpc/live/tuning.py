@@ -16,8 +16,6 @@ from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings
 from lgmpc.settings import Settings
 
-__all__ = ["Tuner", "tunable_keys"]
-
 _WEIGHTS = ("weights", "stepping_weights", "catching_weights")
 
 

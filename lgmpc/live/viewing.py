@@ -24,8 +24,6 @@ from lgmpc.errors import InputError, LgmpcError, MissingDependencyError
 if TYPE_CHECKING:
     import viser
 
-__all__ = ["Link", "Viewing", "view"]
-
 _OPENING_S = 60.0
 _HOST = "127.0.0.1"
 """viser has no access control: other machines come through ssh."""

@@ -14,8 +14,6 @@ from lgmpc.config.schema import Config
 from lgmpc.locomotion.command import CommandEntry
 from lgmpc.typing import Array
 
-__all__ = ["STILL", "Note", "Order", "OrderName", "Pace", "Pull", "Restart", "Save", "Started", "Tune"]
-
 STILL = CommandEntry(at_s=0.0, velocity_m_s=(0.0, 0.0, 0.0), yaw_rate_rad_s=0.0)
 """A wish for no velocity."""
 

@@ -14,8 +14,6 @@ from lgmpc.locomotion.gait import Gait
 from lgmpc.settings import NonNegative, Settings
 from lgmpc.typing import BoolArray
 
-__all__ = ["GaitClock", "GaitClockSettings", "SwingInterval"]
-
 _SLACK = 1e-9  # s
 
 

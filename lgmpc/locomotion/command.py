@@ -12,19 +12,6 @@ from pydantic import AfterValidator, Field, field_validator
 from lgmpc.errors import InputError
 from lgmpc.settings import Finite, NonNegative, Positive, Problem, Settings, Vector3, problem, problems
 
-__all__ = [
-    "CommandEntry",
-    "CommandFunction",
-    "CommandLimiter",
-    "CommandLimits",
-    "CommandSource",
-    "CommandTimeline",
-    "ModeRequest",
-    "MotionCommand",
-    "Ramp",
-    "Timeline",
-]
-
 ModeRequest = Literal["stand", "lie", "damp"]
 """Modes that a command can request."""
 

@@ -22,8 +22,6 @@ from lgmpc.locomotion.clock import GaitClock
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
 from lgmpc.typing import GRAVITY, BoolArray
 
-__all__ = ["ContactEvents", "ContactEventSettings", "ContactState"]
-
 _SAME_TIME = 1e-9  # s
 _SEARCH_SHARE = 0.55  # of sqrt(h / g)
 

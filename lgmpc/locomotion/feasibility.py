@@ -12,8 +12,6 @@ from lgmpc.locomotion.command import CommandEntry, CommandLimits, MotionCommand
 from lgmpc.locomotion.gait import Gait
 from lgmpc.locomotion.legs import LegGeometry
 
-__all__ = ["infeasible_commands", "top_speed"]
-
 _PLANAR = 1e-6
 
 

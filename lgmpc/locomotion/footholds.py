@@ -38,8 +38,6 @@ from lgmpc.settings import Fraction, NonNegative, Settings
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world import Plane
 
-__all__ = ["BaseMotion", "FootholdPlanner", "FootholdSettings"]
-
 _REACH_SHARES = 0.92, 0.98
 _ROUNDING = 1e-9  # m
 _PROJECTIONS = 12

@@ -18,8 +18,6 @@ from lgmpc.errors import InputError
 from lgmpc.settings import Settings, problem
 from lgmpc.typing import GRAVITY
 
-__all__ = ["Gait", "biped_gaits", "find_gait", "quadruped_gaits"]
-
 _SLACK = 1e-9  # of a cycle
 
 

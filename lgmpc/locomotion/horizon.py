@@ -10,8 +10,6 @@ from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["ContactHorizon", "MotionReference"]
-
 
 @dataclass
 class ContactHorizon:

@@ -16,8 +16,6 @@ from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot, leg_chain, leg_joints, leg_normals
 from lgmpc.typing import Array
 
-__all__ = ["LegGeometry", "leg_inertias", "leg_momentum"]
-
 _SWEEPS = 20
 
 

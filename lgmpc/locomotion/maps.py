@@ -24,8 +24,6 @@ from lgmpc.lie import quaternion
 from lgmpc.settings import Extension, NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["ElevationMap", "GridMap", "KnownMap", "MapSettings", "SeenMap", "even"]
-
 _HALF_WIDTH = 5.0  # of the grid, in heights of the centre of mass
 _CELL_SHARE = 0.05  # of the height of the centre of mass
 _STEEPEST = 1.0  # rise per metre

@@ -14,16 +14,6 @@ from lgmpc.locomotion.gait import Gait
 from lgmpc.settings import Count, Finite, NonNegative, Positive, Settings
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = [
-    "StepReaction",
-    "StepReactionSettings",
-    "StepSchedule",
-    "forecast_cost",
-    "least",
-    "step_schedules",
-    "support_margin",
-]
-
 _COM_RATE = 1.25  # 1/s: what a metre away counts as, in m/s
 _PER_METRE = 1.0  # 1/m
 

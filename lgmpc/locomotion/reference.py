@@ -21,8 +21,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["DesiredPose", "ReferenceBuilder", "ReferenceSettings"]
-
 _LEAD_SHARE = 0.1
 _CONSTANT = Ramp()
 

@@ -21,8 +21,6 @@ from lgmpc.locomotion.terrain import TerrainBeliefSettings
 from lgmpc.robot import Robot
 from lgmpc.settings import Problem, Settings, problems
 
-__all__ = ["LocomotionSettings", "gaits_of"]
-
 
 class LocomotionSettings(Settings):
     """Locomotion of a legged robot: gaits, footholds, swings, contact events, and limits of commands."""

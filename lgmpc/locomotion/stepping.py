@@ -25,8 +25,6 @@ from lgmpc.locomotion.terrain import TerrainBelief, TerrainBeliefSettings
 from lgmpc.robot.feet import UP
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = ["MappedBelief"]
-
 _PATCH_SHARE, _PATCH_CELLS = 0.36, 11  # radius in leg lengths; points along it
 _MARGIN_SHARE = 0.05  # of the height of the centre of mass
 _LEAD_SHARE = 0.5  # of sqrt(h / g)

@@ -21,8 +21,6 @@ from pydantic import Field
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["HeadingTrajectory", "SwingSettings", "SwingTrajectory"]
-
 _STEEPEST = 2.0
 """Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
 

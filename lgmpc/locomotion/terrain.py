@@ -21,8 +21,6 @@ from lgmpc.robot.feet import UP
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
-__all__ = ["TerrainBelief", "TerrainBeliefSettings"]
-
 _PERIOD = 5e-3
 """Time between two fits, s: the feet that stand hardly move meanwhile."""
 _RIDGE = 1e-6

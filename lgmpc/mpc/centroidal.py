@@ -22,8 +22,6 @@ from lgmpc.settings import NonNegative, Settings, Vector3
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalMpc", "CentroidalMpcSettings"]
-
 
 class CentroidalSteppingWeights(Settings):
     """Weights that replace those of the cost while a foot is in the air within the horizon."""

@@ -24,8 +24,6 @@ from lgmpc.solvers.qp import ActiveSetSolver
 from lgmpc.solvers.qp.active_set import ROW_METHODS
 from lgmpc.typing import Array
 
-__all__ = ["UpdateRecorder"]
-
 _PLACES = (
     "contact_points", "contact_normals", "contact_flags", "friction", "external_wrench", "x_reference", "x_weight",
     "u_reference",

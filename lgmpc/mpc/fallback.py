@@ -13,8 +13,6 @@ from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.typing import Array
 
-__all__ = ["FallbackMpc"]
-
 _LOG = logging.getLogger(__name__)
 _PAUSE = 4
 """Number of updates without the full-body model after a rejected plan: its subproblems are most costly then."""

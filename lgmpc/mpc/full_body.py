@@ -41,8 +41,6 @@ from lgmpc.settings import Extension, NonNegative, Positive
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["FullBodyMpc", "FullBodyMpcSettings", "FullBodyWeights", "contact_point_model", "holding_efforts"]
-
 
 class FullBodyWeights(CentroidalWeights):
     """Weights of the squared deviations that the full-body MPC minimises."""

@@ -12,8 +12,6 @@ from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.typing import Array
 
-__all__ = ["MeasuredState", "Mpc"]
-
 
 @dataclass(frozen=True)
 class MeasuredState:

@@ -19,8 +19,6 @@ from lgmpc.mpc.interface import Mpc
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.robot import Robot
 
-__all__ = ["AnyMpcSettings", "make_mpc"]
-
 
 def _full_body(robot: Robot, settings: FullBodyMpcSettings, costs: Sequence[CostItem] = ()) -> Mpc:
     """Return the full-body model with a centroidal fallback of the same horizon and limits."""

@@ -13,8 +13,6 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.typing import Array
 
-__all__ = ["MotionSample", "MotionSampler", "MpcStatus", "Plan", "PosturePlan", "PostureSample"]
-
 
 class MpcStatus(Enum):
     """Origin of a plan; the value states the remedy."""

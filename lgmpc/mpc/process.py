@@ -32,8 +32,6 @@ from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.typing import Array
 
-__all__ = ["ProcessMpc"]
-
 _LOG = logging.getLogger(__name__)
 _READY_S, _FIRST_S = 120.0, 1.0
 """Longest times until the process is ready, which may compile, and until the first plan, s."""

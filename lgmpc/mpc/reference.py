@@ -11,8 +11,6 @@ from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.mpc.interface import MeasuredState
 from lgmpc.typing import Array
 
-__all__ = ["CentroidalReference"]
-
 
 class CentroidalReference:
     """Writes centre of mass and momenta over the horizon, in one compiled call.

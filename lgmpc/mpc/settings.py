@@ -11,8 +11,6 @@ from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
 
-__all__ = ["CentroidalWeights", "MpcSettings"]
-
 _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
 

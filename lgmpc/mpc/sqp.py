@@ -19,8 +19,6 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
 from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["GRAVITY", "SqpMpc", "checked_mass", "input_error", "weight_shares", "write_intervals"]
-
 GRAVITY: tuple[float, float, float] = (0.0, 0.0, -9.81)
 """Acceleration of gravity unless given, world axes, m/s2."""
 

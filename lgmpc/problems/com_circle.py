@@ -24,8 +24,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings
 from lgmpc.typing import Array
 
-__all__ = ["ComCircleSettings", "ComCircleWeights", "build_com_circle"]
-
 
 class ComCircleWeights(Settings):
     """Weights of the squared deviations, per second of the horizon."""

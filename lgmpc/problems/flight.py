@@ -32,18 +32,6 @@ from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Ve
 from lgmpc.settings import problem as problem_with
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = [
-    "FlightSettings",
-    "FlightWaypoint",
-    "FlightWeights",
-    "Multirotor",
-    "MultirotorSettings",
-    "build_flight",
-    "flown",
-    "thrust_figures",
-    "turning_guess",
-]
-
 
 class MultirotorSettings(Settings):
     """Properties of rotors that a URDF does not contain; thrusts act along the positive z axes of the frames."""

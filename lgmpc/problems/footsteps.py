@@ -14,8 +14,6 @@ from lgmpc.lie import se3, so3
 from lgmpc.locomotion.sequence import GaitSequence
 from lgmpc.typing import Array
 
-__all__ = ["BaseLeap", "BaseMotion", "BasePath", "Footsteps", "SwingCurve"]
-
 
 class BaseMotion(Protocol):
     """The commanded motion of the base: at rest before ``start`` and after ``stop``."""

@@ -39,8 +39,6 @@ from lgmpc.settings import Interval, NonNegative, Positive
 from lgmpc.settings import problem as problem_with
 from lgmpc.typing import Array
 
-__all__ = ["FreeJumpSettings", "build_free_jump"]
-
 _AT_LIMIT = 0.995  # ratio to a limit, or to the beginning of its barrier, from which it counts as reached
 _PHASES = ("takeoff", "flight", "landing")
 

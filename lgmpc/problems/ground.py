@@ -26,8 +26,6 @@ from lgmpc.robot import Capsule, Robot
 from lgmpc.typing import Array
 from lgmpc.world import Box, Plane, World
 
-__all__ = ["BodySpheres", "Ground", "GroundDistance"]
-
 _SPACING, _FINE = 0.1, 0.02
 """m between spheres of a body: of the optimised ones, and of those of figures."""
 _SHANK = 0.75

@@ -41,19 +41,6 @@ from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.typing import Array
 
-__all__ = [
-    "SPEED_USED",
-    "LeggedScale",
-    "build_gait",
-    "build_jump",
-    "build_legged",
-    "carrying_efforts",
-    "check_legged",
-    "legged_problem",
-    "reference_states",
-    "resting_guess",
-]
-
 _FACETS = 8
 SPEED_USED = 0.95
 """Fraction of the joints' speed limits at which their barriers begin."""

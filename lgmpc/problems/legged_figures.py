@@ -25,8 +25,6 @@ from lgmpc.problems.motion import (
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["LeggedFigures"]
-
 
 @dataclass(frozen=True, eq=False)
 class LeggedFigures:

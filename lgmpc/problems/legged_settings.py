@@ -28,16 +28,6 @@ from lgmpc.settings import (
 from lgmpc.typing import Array
 from lgmpc.world import FloorSettings, World, WorldSettings, make_world
 
-__all__ = [
-    "ContactGains",
-    "GaitSettings",
-    "JumpSettings",
-    "JumpWeights",
-    "LeggedSettings",
-    "LeggedWeights",
-    "gains_of_contacts",
-]
-
 ContactGains = Annotated[
     dict[str, tuple[NonNegative, NonNegative]],
     Field(

@@ -11,24 +11,6 @@ from lgmpc.ocp import Trajectory
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
-__all__ = [
-    "Flown",
-    "refly",
-    "spins",
-    "trunk_clearance",
-    "trunk_spins",
-    "Reactions",
-    "carry",
-    "com_positions",
-    "com_speed",
-    "contact_positions",
-    "frame_placements",
-    "friction_use",
-    "joint_limit_violation",
-    "reactions",
-]
-
-
 _SAMPLES = 5
 """Number of spheres along a shank, knee and foot included."""
 

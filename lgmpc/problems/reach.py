@@ -33,16 +33,6 @@ from lgmpc.robot.collision import AnyShape
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array
 
-__all__ = [
-    "Clearance",
-    "ReachSettings",
-    "ReachWeights",
-    "TargetSettings",
-    "build_reach",
-    "clearance_items",
-    "least_clearance",
-]
-
 
 class ReachWeights(Settings):
     """Weights of the cost; those of the running cost are per second of the horizon."""

@@ -46,8 +46,6 @@ from lgmpc.typing import Array
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["JointMotion", "LegStrokes", "RightingSettings", "RightingWeights", "build_righting", "falling_motion"]
-
 _SUBSTEPS = 8
 """Integration steps of the trunk's attitude in an interval."""
 

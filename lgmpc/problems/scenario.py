@@ -13,8 +13,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Settings
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Controls", "ProblemSettings", "Scenario", "Waypoint"]
-
 
 class ProblemSettings(Settings):
     """Settings of a problem; ``kind`` is the name by which a config selects it."""

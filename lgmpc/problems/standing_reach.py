@@ -42,8 +42,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, problem
 from lgmpc.typing import Array
 
-__all__ = ["StandingReachSettings", "StandingReachWeights", "build_standing_reach"]
-
 _MARGIN = 0.02
 """Margin of the joints' references from their limits, rad (m)."""
 

@@ -15,8 +15,6 @@ from lgmpc.errors import nearest
 from lgmpc.robot.names import is_floating
 from lgmpc.typing import Array
 
-__all__ = ["ActuatedJoint", "actuated_joints", "joint_ranges", "joint_values", "match_joints", "one_side"]
-
 T = TypeVar("T")
 
 _PRISMATIC = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")

@@ -14,18 +14,6 @@ from lgmpc.robot.names import is_floating, some
 from lgmpc.state.configuration import configuration_blocks
 from lgmpc.typing import Array, BoolArray
 
-__all__ = [
-    "check_contact_frames",
-    "check_inertias",
-    "check_joints",
-    "check_limits",
-    "check_magnitudes",
-    "check_mass_matrix",
-    "check_mimic",
-    "check_posture",
-    "point_masses",
-]
-
 _FASTEST = 200.0
 """rad/s or m/s; larger limits are placeholders: no geared joint reaches them."""
 

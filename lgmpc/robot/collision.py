@@ -20,18 +20,6 @@ from lgmpc.settings import Positive, Settings, Vector3
 if TYPE_CHECKING:
     from lgmpc.robot.model import Robot
 
-__all__ = [
-    "AnyShape",
-    "Box",
-    "Capsule",
-    "CollisionShape",
-    "Sphere",
-    "check_shapes",
-    "place_shape",
-    "shape_of",
-    "shapes_of",
-]
-
 Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
 """m."""
 

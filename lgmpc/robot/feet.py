@@ -13,8 +13,6 @@ from typing import Any
 
 import casadi as ca
 
-__all__ = ["UP", "axes_of", "lever", "touching"]
-
 UP = (0.0, 0.0, 1.0)
 """Normal of a level surface, world axes."""
 

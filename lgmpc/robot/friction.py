@@ -18,17 +18,6 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.typing import Array
 
-__all__ = [
-    "FULL_SPEED",
-    "check_facets",
-    "chosen_facets",
-    "facet_normals",
-    "friction_margins",
-    "friction_pyramid",
-    "joint_friction_torque",
-    "pyramid_half_width",
-]
-
 FULL_SPEED = 0.1
 """rad/s (m/s): where a joint reverses, its friction is smoothed over some of this; noise of speeds is well below it."""
 

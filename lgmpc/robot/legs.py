@@ -10,8 +10,6 @@ import pinocchio as pin
 from lgmpc.robot.model import Robot
 from lgmpc.typing import Array
 
-__all__ = ["upper_body_joints", "leg_chain", "leg_clearances", "leg_joints", "leg_normals"]
-
 _SWUNG = (-0.4, 0.0, 0.4)
 """rad from the reference posture: no leg is stretched in all three."""
 

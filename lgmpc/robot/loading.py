@@ -28,8 +28,6 @@ from lgmpc.robot.spec import RobotSpec
 from lgmpc.robot.urdf_text import read_urdf_text
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["load_robot"]
-
 MOST_VELOCITIES = 200
 """Largest number of degrees of freedom: Pinocchio's data grow with its cube, to 4 GB and 6 s each for 500 joints."""
 

@@ -9,8 +9,6 @@ from lgmpc.errors import InputError
 from lgmpc.robot.model import Robot
 from lgmpc.typing import Array
 
-__all__ = ["crouching_posture", "lowest_point", "lying_posture", "place_feet"]
-
 _DESCENT = 0.01  # m between two postures on the way down; each begins from the one before
 _REACHED = 1e-4  # m
 _ITERATIONS = 50

@@ -19,8 +19,6 @@ from lgmpc.typing import Array
 if TYPE_CHECKING:
     from lgmpc.robot.symbolic import SymbolicModel
 
-__all__ = ["ModelSource", "Robot"]
-
 _SHORT_SUPPORT = 0.25
 """Distance of the centre of mass from the edge of the support, as a share of its height: 0.5 of quadrupeds, 0.1 of
 humanoids."""

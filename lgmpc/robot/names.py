@@ -8,8 +8,6 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 
-__all__ = ["degree_names", "frame_index", "is_floating", "some"]
-
 
 def frame_index(model: pin.Model, name: str, key: str = "frame") -> int:
     """Return the index of the first frame called ``name`` (a joint and its link may share a name).

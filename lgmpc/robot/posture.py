@@ -13,15 +13,6 @@ from lgmpc.robot.actuators import ActuatedJoint, match_joints
 from lgmpc.robot.names import is_floating, some
 from lgmpc.typing import Array
 
-__all__ = [
-    "LEVEL_TOLERANCE",
-    "contact_heights",
-    "propose_posture",
-    "propose_standing",
-    "put_on_ground",
-    "reference_posture",
-]
-
 LEVEL_TOLERANCE = 1e-3
 """Largest deviation of contact points from a plane that is levelled, m."""
 

@@ -6,8 +6,6 @@ Settings are values for a robot of :data:`REFERENCE_MASS`. Unscaled, the squared
 
 from __future__ import annotations
 
-__all__ = ["REFERENCE_MASS", "normal_force_range", "turning_factor", "weight_factor"]
-
 REFERENCE_MASS = 2.5
 """kg; mass of Solo12, for which weights of squared forces and momenta are stated."""
 

@@ -26,8 +26,6 @@ from lgmpc.typing import Array, BoolArray, IntArray
 if TYPE_CHECKING:
     from lgmpc.robot.model import ModelSource, Robot
 
-__all__ = ["Foot", "FootPoints", "FootSpec", "make_feet", "support_share"]
-
 _UP = np.array([0.0, 0.0, 1.0])
 
 _SLICE = 5e-3

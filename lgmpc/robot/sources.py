@@ -16,8 +16,6 @@ from lgmpc.robot.names import some
 from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.robot.spec import RobotSpec
 
-__all__ = ["ResolvedSource", "available_models", "build_model", "find_packages", "resolve"]
-
 
 @dataclass(frozen=True)
 class ResolvedSource:

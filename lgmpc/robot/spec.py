@@ -12,8 +12,6 @@ from lgmpc.robot.collision import AnyShape
 from lgmpc.robot.soles import FootSpec
 from lgmpc.settings import Finite, NonNegative, PerJoint, PerJointRange, Positive, Settings, problem
 
-__all__ = ["RobotSpec"]
-
 
 def _posture_kind(value: Any) -> str:
     return "angles" if isinstance(value, Mapping) else "name"

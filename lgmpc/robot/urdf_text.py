@@ -9,8 +9,6 @@ from xml.parsers import expat
 
 from lgmpc.robot.names import some
 
-__all__ = ["UrdfText", "read_urdf_text"]
-
 _SCHEME = "package://"
 
 

@@ -9,8 +9,6 @@ from lgmpc.robot import Robot
 from lgmpc.simulation.parameters import PlantSettings, simulated_model
 from lgmpc.typing import Array
 
-__all__ = ["momentum_and_energy"]
-
 
 def momentum_and_energy(robot: Robot, settings: PlantSettings, q: Array, v: Array) -> tuple[Array, Array, Array]:
     """Return the linear momentum and the mechanical energy, rotors included, of the simulated robot, and its weight.

@@ -15,8 +15,6 @@ from lgmpc.errors import InputError
 from lgmpc.settings import NonNegative, Positive, Settings, Vector3
 from lgmpc.typing import Array
 
-__all__ = ["Push", "PushSchedule"]
-
 _SNAP = 1e-6  # steps; a boundary closer to one of a step is rounded to it
 
 

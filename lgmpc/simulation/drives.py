@@ -20,17 +20,6 @@ from lgmpc.errors import InputError
 from lgmpc.settings import Fraction, Noise, NonNegative, Positive, Problem, Settings, problems
 from lgmpc.typing import Array
 
-__all__ = [
-    "ActuatorSettings",
-    "Computing",
-    "DelayLine",
-    "Drives",
-    "LinkSettings",
-    "Spent",
-    "StateLink",
-    "TimingSettings",
-]
-
 Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)]
 Milliseconds = Annotated[tuple[NonNegative, ...], Field(min_length=2)]
 T = TypeVar("T")

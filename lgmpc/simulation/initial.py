@@ -20,8 +20,6 @@ from lgmpc.world import World
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["initial_state"]
-
 _TOUCHING = 1e-3  # m; what is nearer to the start's plane than this stands on it
 _UNEVEN = 2e-3  # m
 

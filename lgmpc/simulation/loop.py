@@ -22,8 +22,6 @@ from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Disturbance", "Hardware", "Loop", "Rates", "Sensing", "Tick", "TrueState", "simulate", "true_state"]
-
 _SAME_TIME = 1e-9  # s
 
 

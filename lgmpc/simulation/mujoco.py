@@ -27,8 +27,6 @@ from lgmpc.world import HeightField, Plane, Softness, World
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["MujocoPlant"]
-
 _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
 _HARD = 1.0 / 0.95 - 1.0  # regularizer of a contact of impedance 0.95, in inverse inertias

@@ -18,9 +18,6 @@ from lgmpc.world import Plane, World
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["PlantSettings", "default_world", "real_effort_limit", "simulated_model"]
-
-
 _NO_INERTIA = 1e-15
 """Moments below this are zero, kg.m2: those of the smallest grain of sand."""
 

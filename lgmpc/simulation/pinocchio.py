@@ -34,8 +34,6 @@ from lgmpc.world import World
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["PinocchioPlant"]
-
 _FASTEST = 10.0  # m/s; points that cannot reach the ground in a step at this speed are left out of that step's problem
 _RECOVERY = 0.2  # fraction of a penetration that one step removes, ...
 _RISE = 0.01  # m/s; ... but no faster than this, because the speed remains after the penetration

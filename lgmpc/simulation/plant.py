@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from lgmpc.simulation.parameters import PlantSettings
     from lgmpc.world import World
 
-__all__ = ["BodyWrenches", "Plant", "PlantSample", "check_speed", "check_state", "check_torque", "make_plant"]
-
 _LARGEST_SPEED = 1e6  # m/s, rad/s
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from lgmpc.lie import quaternion
 from lgmpc.typing import Array
 
-__all__ = ["DepthScan"]
-
 _RAYS = 180
 _BLIND_SHARE = 0.1  # of the range
 

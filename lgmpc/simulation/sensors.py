@@ -19,8 +19,6 @@ from lgmpc.typing import Array
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["SensorNoise", "Sensors"]
-
 
 class SensorNoise(Settings):
     """IMU at the base frame, joint encoders and motor currents; the defaults are those of Solo12's parts.

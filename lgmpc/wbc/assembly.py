@@ -34,8 +34,6 @@ from lgmpc.wbc.solver import WholeBodySolver
 from lgmpc.wbc.tasks import NumericTask, SymbolicTask, Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["Contacts", "WholeBodyQp", "quadratic_programme"]
-
 
 @dataclass(frozen=True)
 class Contacts:

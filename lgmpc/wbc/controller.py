@@ -21,8 +21,6 @@ from lgmpc.wbc.solver import WholeBodySolver
 from lgmpc.wbc.tasks import Task
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["WholeBodyController"]
-
 _LOG = logging.getLogger(__name__)
 
 

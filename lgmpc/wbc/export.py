@@ -26,8 +26,6 @@ from lgmpc.wbc.controller import WholeBodyController
 from lgmpc.wbc.solver import MOST_STEPS
 from lgmpc.wbc.tasks import Task
 
-__all__ = ["TickRecorder", "write_tick_library"]
-
 _CONSTANT = ("limits", "weights")
 _MEANINGS = {
     "q": "configuration: base position (m) and quaternion x y z w, joint angles (rad)",

@@ -17,8 +17,6 @@ from lgmpc.wbc.settings import HandMove, HandSettings
 from lgmpc.wbc.tasks import SymbolicTask
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["HandMotion", "HandTask"]
-
 _MOST_TURN = 0.2  # rad; error whose feedback the integral of the rotation may reach
 
 

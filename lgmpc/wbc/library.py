@@ -18,19 +18,6 @@ from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = [
-    "TASKS",
-    "AngularMomentumTask",
-    "BaseOrientationTask",
-    "BasePositionTask",
-    "UpperBodyTask",
-    "ComTask",
-    "PostureTask",
-    "StanceTask",
-    "SwingTask",
-    "standard_tasks",
-]
-
 
 class ComTask(SymbolicTask):
     """Centre of mass, world axes, m. Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot", 2013."""

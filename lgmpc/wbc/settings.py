@@ -13,18 +13,6 @@ from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
 from lgmpc.settings import Count, Extension, NonNegative, Positive, Problem, RangeFromZero, Settings, Vector3, problems
 
-__all__ = [
-    "Gain",
-    "HandMove",
-    "HandSettings",
-    "OwnTask",
-    "ShortSupportWeights",
-    "SteppingWeights",
-    "WholeBodyGains",
-    "WholeBodySettings",
-    "WholeBodyWeights",
-]
-
 _NORMAL_FORCE = (0.04, 24.0)
 """Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and one foot can carry the
 robot and stop its fall; the motors' forces are bounded by their torques."""

@@ -25,8 +25,6 @@ from lgmpc.proxqp import proxqp
 from lgmpc.status import Status
 from lgmpc.typing import Array
 
-__all__ = ["MOST_STEPS", "DualActiveSet", "WholeBodySolver"]
-
 MOST_STEPS = 200
 """Limits that a solve may add or remove."""
 _INFEASIBILITY_TOLERANCE = 1e-10

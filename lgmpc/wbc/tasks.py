@@ -39,8 +39,6 @@ from lgmpc.typing import Array
 from lgmpc.wbc.settings import Gain
 from lgmpc.wbc.terms import WholeBodyTerms
 
-__all__ = ["NumericTask", "SymbolicTask", "Target", "Task", "TaskRows", "along_motion"]
-
 
 class Target:
     """The targets of a task: named buffers, attributes of this object, to be written to between two ticks."""

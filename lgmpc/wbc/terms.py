@@ -14,8 +14,6 @@ from lgmpc.robot.feet import UP
 from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.typing import Array
 
-__all__ = ["WholeBodyTerms"]
-
 
 class WholeBodyTerms:
     """Centre of mass, momentum, base and contact points, refreshed by :meth:`update`.

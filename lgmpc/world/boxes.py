@@ -13,8 +13,6 @@ from lgmpc.errors import InputError
 from lgmpc.typing import Array, IntArray
 from lgmpc.world.surfaces import SurfaceContacts
 
-__all__ = ["REACH", "Box", "Boxes"]
-
 _STEEPEST = 0.1
 """Least vertical component of the normal of a box's top: 84 degrees."""
 REACH = 0.15

@@ -16,8 +16,6 @@ from lgmpc.errors import InputError
 from lgmpc.typing import Array, BoolArray, IntArray
 from lgmpc.world.surfaces import SurfaceContacts
 
-__all__ = ["HeightField", "read_heights"]
-
 _MOST = 4_000_000
 """Points of the largest field."""
 _NEAR = 0.05

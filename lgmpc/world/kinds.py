@@ -22,23 +22,6 @@ from lgmpc.world.heights import HeightField, read_heights
 from lgmpc.world.layout import Layout, incline
 from lgmpc.world.surfaces import Softness
 
-__all__ = [
-    "MOST_BOXES",
-    "OF_WORLD",
-    "Blocks",
-    "Gaps",
-    "Ground",
-    "Heights",
-    "Hills",
-    "Laid",
-    "Part",
-    "Patches",
-    "Ramp",
-    "Stairs",
-    "Stones",
-    "Tiled",
-]
-
 Place = Annotated[Finite, Field(ge=-1e4, le=1e4)]
 """m."""
 Size = Annotated[Positive, Field(ge=0.005, le=100.0)]

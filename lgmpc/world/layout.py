@@ -11,8 +11,6 @@ from lgmpc.world.boxes import Box
 from lgmpc.world.heights import HeightField
 from lgmpc.world.surfaces import Plane
 
-__all__ = ["Layout"]
-
 _THICKNESS_M = 0.5
 """Of the ground below its lowest level."""
 _AROUND_M = 10.0

@@ -36,8 +36,6 @@ from lgmpc.world.layout import Layout
 from lgmpc.world.surfaces import Plane
 from lgmpc.world.world import World
 
-__all__ = ["Course", "FloorSettings", "SlopeSettings", "WorldSettings", "make_world", "named_world"]
-
 
 class FloorSettings(Ground):
     """A level floor."""

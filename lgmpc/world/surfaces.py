@@ -13,8 +13,6 @@ from lgmpc.errors import InputError
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray, IntArray
 
-__all__ = ["Plane", "Softness", "SurfaceContacts", "Surface"]
-
 _STEEPEST = 0.1
 """Least vertical component of a plane's normal: 84 degrees."""
 

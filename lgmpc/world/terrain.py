@@ -6,8 +6,6 @@ from typing import Protocol
 
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["Terrain"]
-
 
 class Terrain(Protocol):
     """The ground below points (n, 2) of the world's horizontal plane, m; every query is one call for all points."""

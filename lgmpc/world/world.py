@@ -16,8 +16,6 @@ from lgmpc.world.boxes import REACH, Box, Boxes
 from lgmpc.world.heights import HeightField
 from lgmpc.world.surfaces import Plane, Softness, Surface, SurfaceContacts
 
-__all__ = ["World"]
-
 T = TypeVar("T", bound=np.generic)
 
 _UNEVEN = 0.2

@@ -254,6 +254,7 @@ OTHER: dict[str, Any] = {
     "*/problem.world.kind": "slope",
     "walk/world.kind": "slope",
     "walk/world.kin?": "floor",
+    "*/world.soft": {"stiffness_n_m": 4000.0, "damping_ns_m": 60.0},
     "walk/sensors.torque_noise_nm": 100.0,
     "walk/timing.tick_ms": (0.1, 0.2),
     "walk/timing.plan_ms": (0.1, 0.2),

@@ -27,8 +27,6 @@ from lgmpc.estimation.invariant_ekf.programme import (
 from lgmpc.lie import checks
 from lgmpc.typing import GRAVITY, Array
 
-__all__ = ["InvariantEkf", "chi_square_bound"]
-
 _BASE_SIZES = {"pose": 12, "velocity": 3}
 
 

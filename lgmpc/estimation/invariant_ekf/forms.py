@@ -25,8 +25,6 @@ import casadi as ca
 
 from lgmpc.lie.symbolic import sek3, so3
 
-__all__ = ["FORMS", "LEFT", "MULTIPLICATIVE", "RIGHT", "ErrorForm", "Motion", "Observation"]
-
 
 @dataclass(frozen=True)
 class Motion:

@@ -14,15 +14,6 @@ from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion
 from lgmpc.lie import coefficients
 from lgmpc.lie.symbolic import sek3, so3
 
-__all__ = [
-    "augmentation",
-    "correction",
-    "height_correction",
-    "pose_correction",
-    "prediction",
-    "velocity_correction",
-]
-
 _CORRECTED = ["pose_next", "bias_next", "covariance_next"]
 
 

@@ -16,8 +16,6 @@ from lgmpc.robot.feet import axes_of, lever, touching
 if TYPE_CHECKING:
     from lgmpc.robot.model import Robot
 
-__all__ = ["ContactPoints"]
-
 _ALIGNED = pin.LOCAL_WORLD_ALIGNED
 
 

@@ -13,19 +13,6 @@ import casadi as ca
 from lgmpc.robot.symbolic.passes import Acceleration, Composite, Placement, Rotation
 from lgmpc.robot.symbolic.tree import Joint, Tree
 
-__all__ = [
-    "Wrench",
-    "carried",
-    "center_of_mass",
-    "composite_forces",
-    "joint_torques",
-    "mass_matrix",
-    "momentum_at_center",
-    "momentum_columns",
-    "net_wrenches",
-    "root_momenta",
-]
-
 Wrench = tuple[Any, Any]
 """(force, moment about the joint's origin) in a joint's frame."""
 

@@ -7,8 +7,6 @@ from typing import Any, TypeVar
 
 import casadi as ca
 
-__all__ = ["Factored", "LdlFactor", "MassFactor"]
-
 _Self = TypeVar("_Self", bound="Factored")
 
 

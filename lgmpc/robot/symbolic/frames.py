@@ -15,8 +15,6 @@ from lgmpc.robot.symbolic.dynamics import Wrench
 from lgmpc.robot.symbolic.passes import Acceleration, Placement, Rotation
 from lgmpc.robot.symbolic.tree import Tree
 
-__all__ = ["Frame", "acceleration", "jacobian", "local_wrench", "read_frame", "velocity"]
-
 
 @dataclass(frozen=True)
 class Frame:

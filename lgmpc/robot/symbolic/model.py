@@ -15,8 +15,6 @@ from lgmpc.robot.symbolic.passes import Placement
 from lgmpc.robot.symbolic.tree import read_tree
 from lgmpc.state import integrate_configuration_symbolic
 
-__all__ = ["SymbolicModel"]
-
 T = TypeVar("T")
 
 _KEPT = 8

@@ -20,19 +20,6 @@ from lgmpc.lie.symbolic import quaternion
 from lgmpc.robot.symbolic.tree import Joint, Tree
 from lgmpc.state.configuration import BlockKind
 
-__all__ = [
-    "Acceleration",
-    "Composite",
-    "Placement",
-    "Rotation",
-    "accelerations",
-    "composites",
-    "joint_steps",
-    "linear_velocities",
-    "rotations",
-    "world_placements",
-]
-
 _ORIGIN = ca.DM.zeros(3)
 _STILL = ca.DM.zeros(3, 3)
 

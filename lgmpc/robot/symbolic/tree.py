@@ -12,8 +12,6 @@ import pinocchio as pin
 from lgmpc.state.configuration import JOINT_KINDS, BlockKind, configuration_blocks
 from lgmpc.typing import Array
 
-__all__ = ["Joint", "Tree", "read_tree"]
-
 
 @dataclass(frozen=True, eq=False)
 class Joint:

@@ -69,6 +69,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "lgmpc.runs": "/guide/runs",
         "lgmpc.sweeps": "/guide/sweeps",
         "lgmpc.live": "/guide/live",
+        "lgmpc.live.notebook": "/guide/notebook",
         "lgmpc.viz": "",
     },
     "Geometric mechanics": {

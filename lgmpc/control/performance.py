@@ -89,10 +89,14 @@ class Performance:
         wbc.qp.joint_horizon[0] = min(self._horizon[0], _LOOK_AHEAD * self.plan.period)
         self._before = [(task, task.weight.copy(), task.kp.copy(), task.kd.copy()) for task in changed]
         self._set_weights(flies=False)
-        off = np.abs(wbc.terms.q - self.plan.q[0])[robot.joint_q].max()
-        turned = attitude.angle_between(wbc.terms.rotation, self.plan.rotation[0])
+
+    def check_beginning(self) -> None:
+        """Fail where the plan begins far from the robot's posture or attitude; a landing begins anywhere."""
+        terms = self._wbc.terms
+        off = np.abs(terms.q - self.plan.q[0])[self._robot.joint_q].max()
+        turned = attitude.angle_between(terms.rotation, self.plan.rotation[0])
         if off > _FAR_RAD or turned > math.radians(_FAR_DEG):
-            self.failure = f"'{maneuver.name}' begins in another posture or attitude"
+            self.failure = f"'{self.plan.name}' begins in another posture or attitude"
 
     @property
     def upright(self) -> float:
@@ -267,6 +271,8 @@ class Performer:
             if chosen.begins_in_the_air:
                 self._wbc.stand()
         self.present = Performance(chosen, self._wbc, self._tasks, self._robot)
+        if maneuver is not None:
+            self.present.check_beginning()
 
     def end(self) -> None:
         """Return weights and gains to what they were before."""

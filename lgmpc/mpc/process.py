@@ -14,7 +14,6 @@ import functools
 import itertools
 import logging
 import math
-import pickle
 import select
 import signal
 from collections.abc import Callable
@@ -164,11 +163,11 @@ class SharedValues:
         leaves = _leaves(values)
         if _kinds(leaves) != self._kinds:
             self._arrange(values)
-            pipe.send_bytes(pickle.dumps(values))
+            pipe.send(values)
             return
         for view, leaf in zip(self._views, leaves, strict=True):
             view[...] = _ORDER[leaf] if isinstance(leaf, MpcStatus) else np.nan if leaf is None else leaf
-        pipe.send_bytes(b"")
+        pipe.send(None)
 
     def receive(self, pipe: Connection, copied: bool) -> tuple[Any, ...]:
         """Return values that have been announced.
@@ -177,8 +176,8 @@ class SharedValues:
             pipe: with the message.
             copied: whether arrays are copies; else they are valid until the next values are written.
         """
-        if whole := pipe.recv_bytes():
-            values: tuple[Any, ...] = pickle.loads(whole)
+        values: tuple[Any, ...] | None = pipe.recv()
+        if values is not None:
             self._arrange(values)
             return values
         leaves = (

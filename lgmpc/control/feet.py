@@ -367,7 +367,8 @@ class Feet:
             x, y = x + c * ahead - s * left, y + s * ahead + c * left
         target: Vector = (x, y, self.ground.height_at(x, y))
         if self.mapped is not None:
-            target = self.mapped.aim(foot, time, self._planner, motion, (x, y), remaining, stance, others, begins)
+            leeway = None if begins else self._swings[foot].leeway(time)
+            target = self.mapped.aim(foot, time, self._planner, motion, (x, y), remaining, stance, others, leeway)
         self._nominal[foot] = self.footholds[foot] = target
         return target
 

@@ -3,9 +3,9 @@
 Nominal footholds are moved to the nearest point of a patch around them that is steppable: flat as far as the foot and a
 margin reach, within reach of the leg from touchdown to lift-off, clear of the other feet, and with the shank above the
 ground. A height above the plane under the robot counts as a distance: legs climb one step, not two. A swing under way
-goes on to ground of the height that it was shaped for. Heights and normals of footholds are those of the map. The plane
-under the robot, which its base follows, fits the steppable ground below the body best, a little ahead of it: the base
-leads into stairs.
+goes on to ground of the height that it was shaped for, and where the foot still gets in time. Heights and normals of
+footholds are those of the map. The plane under the robot, which its base follows, fits the steppable ground below the
+body best, a little ahead of it: the base leads into stairs.
 
 Map and state estimate differ in height by an offset that drifts; feet that stand measure it.
 """
@@ -183,14 +183,17 @@ class MappedBelief(TerrainBelief):
 
     def aim(
         self, foot: int, time: float, planner: FootholdPlanner, motion: BaseMotion, nominal: tuple[float, float],
-        remaining: float, stance: float, others: Sequence[tuple[float, float]], fresh: bool,
+        remaining: float, stance: float, others: Sequence[tuple[float, float]], leeway: float | None = None,
     ) -> list[float]:  # fmt: skip
-        """Return the (3,) foothold of a present swing, near a nominal one (2,)."""
+        """Return the (3,) foothold of a present swing, near a nominal one (2,).
+
+        One under way moves by no more than its ``leeway``, m; without, the swing begins.
+        """
         kept = self._chosen[foot]
-        if fresh or not kept.serves(time, nominal, _MOVED[0] * self.cell):
-            before = None if fresh else kept.place
+        if leeway is None or not kept.serves(time, nominal, _MOVED[0] * self.cell):
+            last = (None, math.inf) if leeway is None else (kept.place, leeway)
             places, normals = self.choose(
-                planner, motion, [foot], np.array([nominal]), np.array([remaining]), stance, np.array(others), before
+                planner, motion, [foot], np.array([nominal]), np.array([remaining]), stance, np.array(others), *last
             )
             self._chosen[foot] = kept = _Choice(time, list(nominal), places[0], normals[0])
             self._targets[foot] = kept.normal
@@ -243,6 +246,7 @@ class MappedBelief(TerrainBelief):
         stance: float,
         others: Array | None = None,
         before: Array | None = None,
+        leeway: float = math.inf,
     ) -> tuple[Array, Array]:
         """Return (k, 3) footholds nearest to nominal ones on steppable ground, and (k, 3) normals there.
 
@@ -259,6 +263,7 @@ class MappedBelief(TerrainBelief):
             others: (m, 2) footholds of other feet to be clear of; none unless given.
             before: (3,) the choice before, of a single foot, which is kept unless another one is nearer, on ground of
                 the same height if possible.
+            leeway: distance from it within which the foot can still get to another one, m.
         """
         legs, count = self._legs, len(feet)
         yaw = motion.yaw + motion.yaw_rate * remaining
@@ -277,6 +282,8 @@ class MappedBelief(TerrainBelief):
             apart = np.linalg.norm(points[:, :, None] - others, axis=-1)
             clear = (apart >= planner.spacing - 1e-9).all(axis=2)
         near = clear & self._within(planner, motion, feet, points, ground, remaining, stance, turn, others is not None)
+        if before is not None:
+            near &= np.linalg.norm(points - before[:2], axis=2) <= leeway
         ok = flat & near
         which, place = np.nonzero(ok)
         below = points[which, place][:, None] + _SHANK[:, None] * arms[which, None]

@@ -251,6 +251,11 @@ class SwingTrajectory:
         """Return whether the swing is too advanced for another target."""
         return t >= self.liftoff + self.settings.freeze_share * (self.touchdown - self._ahead_s - self.liftoff)
 
+    def leeway(self, t: float) -> float:
+        """Return by how much the target may still move for the foot to get there within its acceleration, m."""
+        left = max(self.touchdown - self._ahead_s - max(t, self._planned), 0.0)
+        return self.settings.acceleration_m_s2 * left * left / _PEAK
+
     def retarget(self, t: float, target: Vector) -> bool:
         """Move the target (3,), unless the swing is too advanced; return whether it moved. The touchdown may, too."""
         if self.frozen(t):

@@ -173,26 +173,41 @@ def stairs(points: Array) -> Array:
     return 0.05 * np.clip(np.floor((points[:, 0] - 0.2) / 0.12) + 1.0, 0.0, 9.0)
 
 
-def aimed(belief: MappedBelief, legs: LegGeometry, x: float, time: float, fresh: bool) -> list[float]:
+def aimed(belief: MappedBelief, legs: LegGeometry, x: float, time: float, leeway: float | None = None) -> list[float]:
     motion = BaseMotion(x - float(legs.feet[0, 0]), 0.0, 0.0, 0.0, 0.0)
     nominal = (x, float(legs.feet[0, 1]))
-    return belief.aim(0, time, FootholdPlanner(legs), motion, nominal, 0.1, 0.2, [], fresh)
+    return belief.aim(0, time, FootholdPlanner(legs), motion, nominal, 0.1, 0.2, [], leeway)
 
 
 def test_a_lower_step_is_preferred_to_a_higher_one_that_is_as_near(legs: LegGeometry) -> None:
     belief = believed(legs, known(stairs))
     for edge in (0.2, 0.32):
-        foothold = aimed(belief, legs, edge + 0.01, 0.0, fresh=True)
+        foothold = aimed(belief, legs, edge + 0.01, 0.0)
         assert foothold[0] < edge < foothold[0] + 0.1
 
 
 def test_a_swing_stays_with_its_step_and_the_next_one_does_not(legs: LegGeometry) -> None:
     belief = believed(legs, known(stairs))
-    first = aimed(belief, legs, 0.26, 0.0, fresh=True)
+    first = aimed(belief, legs, 0.26, 0.0)
     assert first[2] == pytest.approx(0.05)
-    assert aimed(belief, legs, 0.26 + 0.2 * belief.cell, 0.01, fresh=False) == first
-    assert aimed(belief, legs, 0.4, 0.02, fresh=False)[2] == pytest.approx(0.05)
-    assert aimed(belief, legs, 0.4, 0.03, fresh=True)[2] == pytest.approx(0.1)
+    assert aimed(belief, legs, 0.26 + 0.2 * belief.cell, 0.01, math.inf) == first
+    assert aimed(belief, legs, 0.4, 0.02, math.inf)[2] == pytest.approx(0.05)
+    assert aimed(belief, legs, 0.4, 0.03)[2] == pytest.approx(0.1)
+
+
+def stones(points: Array) -> Array:
+    """Ground up to x = 0.2, and from x = 0.26 on."""
+    return np.where((points[:, 0] > 0.2) & (points[:, 0] < 0.26), -0.3, 0.0)
+
+
+def test_a_swing_takes_another_foothold_only_within_its_leeway(legs: LegGeometry) -> None:
+    belief = believed(legs, known(stones))
+    first = aimed(belief, legs, 0.3, 0.0)
+    assert first[0] > 0.26
+    kept = aimed(belief, legs, 0.18, 0.01, leeway=0.02)
+    assert 0.26 < kept[0] <= first[0]
+    assert math.dist(kept, first) <= 0.02
+    assert aimed(belief, legs, 0.17, 0.02, leeway=0.3)[0] < 0.2
 
 
 def test_what_a_map_knows_to_be_lower_holds_no_foot(legs: LegGeometry) -> None:

@@ -151,6 +151,22 @@ def test_a_target_that_stays_leaves_the_path() -> None:
     np.testing.assert_allclose(sample(moved, 0.12), sample(still, 0.12), atol=1e-9)
 
 
+@given(level, duration, st.floats(0.1, 0.7), st.floats(0.0, 6.3))
+def test_a_target_that_moves_by_the_leeway_changes_the_acceleration_by_its_limit(
+    target: np.ndarray, length: float, share: float, angle: float
+) -> None:
+    limit, begin = 90.0, share * length
+    swing, moved = SwingTrajectory(SwingSettings(acceleration_m_s2=limit)), SwingTrajectory(SwingSettings())
+    for each in (swing, moved):
+        each.lift_off(0.0, length, np.zeros(3), np.zeros(3), target)
+    way = swing.leeway(begin) * np.array([np.cos(angle), np.sin(angle), 0.0])
+    assert moved.retarget(begin, target + way)
+    times = np.linspace(begin, length - 1e-9, 400)
+    changes = [float(np.hypot(*(sample(moved, t) - sample(swing, t))[2, :2])) for t in times]
+    assert max(changes) == pytest.approx(limit, rel=1e-3)
+    assert swing.leeway(length) == 0.0
+
+
 def test_near_the_touchdown_the_target_is_frozen() -> None:
     swing = SwingTrajectory(SwingSettings(freeze_share=0.7))
     swing.lift_off(0.0, 0.2, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))

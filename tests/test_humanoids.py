@@ -159,7 +159,7 @@ def test_talos_steps_against_a_push_on_its_torso_and_stays_upright(impulse):
     stance = log.stance.reshape(log.ticks, 2, 4)[:, :, 0].astype(bool)
     assert (~stance).any(axis=0).all() and stance.any(axis=1).all()  # both feet step, in turn
     upright = 1.0 - 2.0 * (log.q[:, 3] ** 2 + log.q[:, 4] ** 2)
-    assert np.degrees(np.arccos(upright)).max() < 14.0
+    assert np.degrees(np.arccos(upright)).max() < 12.0
     assert np.abs(log.momentum[-1, :2]).max() / log.mass_kg < 0.4
     assert (log.wbc_status == log.wbc_status[0]).all()
 

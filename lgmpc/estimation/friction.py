@@ -19,6 +19,8 @@ _SMOOTHING = 0.002
 
 _FAST = 0.5
 """Speed, m/s, beyond which the slide of feet that have just landed is evidence too."""
+_LOAD_SHARE = 0.65
+"""Share of the load that these feet must carry together."""
 _SINKING = 0.2
 """Square of the least ratio of speeds along the normal and along the surface of a foot that rolls off an edge."""
 
@@ -32,8 +34,8 @@ class FrictionMonitor:
     floor's cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than
     by half, because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A
     foot that slows down proves nothing. Feet that have just landed, or that bounce, count from 0.5 m/s on, and only
-    together: on ice they fly from under a trotting robot within 30 ms, one alone may have met an edge. While none
-    slides, the coefficient rises towards ``nominal`` with ``rise_time``.
+    if they carry most of the load: on ice they fly from under a trotting robot within 30 ms, one of two may have met an
+    edge. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
 
     Args:
         nominal: coefficient while no foot slides.
@@ -133,7 +135,8 @@ class FrictionMonitor:
         sliding = [foot for foot, speed in enumerate(speeds) if speed > least and settled[foot]]
         if stance is not None and max(speeds) > _FAST**2:
             landed = [i for i, speed in enumerate(speeds) if speed > _FAST**2 and stance[i] and not settled[i]]
-            sliding += landed if len(landed) > 1 else []
+            loads = np.einsum("ij,ij->i", forces, normals)
+            sliding += landed if loads[landed].sum() > _LOAD_SHARE * loads.sum() else []
         faster = [foot for foot in sliding if not before or speeds[foot] >= before[foot]]
         if faster:
             slopes = [_slope(*pair) for pair in zip(forces[faster].tolist(), normals[faster].tolist(), strict=True)]

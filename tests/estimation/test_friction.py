@@ -118,11 +118,16 @@ def test_velocities_that_are_not_finite_change_nothing(tilt: np.ndarray) -> None
     assert update(monitor, tilt, np.full((4, 3), np.nan), FORCES) == 0.6
 
 
-@pytest.mark.parametrize(("feet", "speed", "learned"), [((0, 3), 0.6, 0.4), ((0, 3), 0.4, 0.6), ((0,), 0.6, 0.6)])
-def test_feet_that_have_just_landed_are_evidence_together_and_when_fast(
-    tilt: np.ndarray, feet: tuple[int, ...], speed: float, learned: float
+@pytest.mark.parametrize(
+    ("feet", "speed", "others", "learned"),
+    [((0, 3), 0.6, 0.0, 0.4), ((0, 3), 0.4, 0.0, 0.6), ((0,), 0.6, 12.5, 0.6), ((0, 3), 0.6, 12.5, 0.6)],
+)
+def test_feet_that_have_just_landed_are_evidence_when_fast_and_if_they_carry_most_of_the_load(
+    tilt: np.ndarray, feet: tuple[int, ...], speed: float, others: float, learned: float
 ) -> None:
-    monitor, forces, normals = FrictionMonitor(0.6, 1e-3, fall_time=1e6), FORCES.copy(), np.tile(tilt[:, 2], (4, 1))
+    """Two corners of a sole that lands beside one that carries are no evidence."""
+    monitor, normals = FrictionMonitor(0.6, 1e-3, fall_time=1e6), np.tile(tilt[:, 2], (4, 1))
+    forces = np.tile([0.0, 0.0, others], (4, 1))
     forces[list(feet)] = [3.0, -4.0, 12.5]
     for size in (0.0, 3.0 * speed):  # smoothed: 39 % of it
         moving = sum(velocities(foot, size) for foot in feet)

@@ -10,8 +10,9 @@ from pydantic import Field
 
 from lgmpc.actions import CentroidalAction
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
+from lgmpc.mpc.compiled import NOT_FINITE, OVERFLOWN, SOLVED, CompiledUpdate
 from lgmpc.mpc.interface import MeasuredState
-from lgmpc.mpc.plan import Plan
+from lgmpc.mpc.plan import MpcStatus, Plan
 from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
@@ -99,6 +100,7 @@ class CentroidalMpc(SqpMpc):
         problem.set("normal_force_max", highest)
         super().__init__(problem, s, mass, -mass * np.asarray(gravity, dtype=np.float64))
         self._contacts = contacts
+        self._standing_weight, self._stepping_weight, self._catching_weight = np.zeros((3, s.nodes + 1, 3))
         self.retune(s)
         view = problem.view
         self._points = view("contact_points").reshape(s.nodes + 1, contacts, 3)
@@ -109,6 +111,7 @@ class CentroidalMpc(SqpMpc):
         self._com_weight = view("x_weight")[:, :3]
         self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
+        self._compiled = CompiledUpdate.of(self)
 
     @classmethod
     def of(cls, robot: Robot, settings: CentroidalMpcSettings) -> CentroidalMpc:
@@ -123,34 +126,50 @@ class CentroidalMpc(SqpMpc):
         problem.set("x_weight", s.weights.state(self.mass))
         problem.view("x_weight")[-1] *= s.weights.terminal
         problem.set("u_weight", s.weights.forces(self._contacts, self.mass))
-        self._standing_weight = problem.view("x_weight")[:, :3].copy()
-        self._stepping_weight = np.tile(s.stepping_weights.com, (s.nodes + 1, 1))
-        self._catching_weight = np.tile(s.catching_weights.com, (s.nodes + 1, 1))
+        self._standing_weight[...] = problem.view("x_weight")[:, :3]
+        self._stepping_weight[...] = s.stepping_weights.com
+        self._catching_weight[...] = s.catching_weights.com
         for weight in (self._stepping_weight, self._catching_weight):
             weight[-1] *= s.weights.terminal
 
     def update(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan from the measured momenta; see :meth:`lgmpc.mpc.interface.Mpc.update`."""
         start = time.perf_counter()
-        problem = self.problem
+        compiled = self._compiled
         try:
-            write_intervals(self._points, contacts.points)
-            write_intervals(self._normals, contacts.normals)
-            write_intervals(self._flags, contacts.flags)
-            write_intervals(self._friction, contacts.friction)
-            write_intervals(self._wrench, wrench)
-            self._reference.write(state, reference)
-            if reference.legs is not None:
-                self._x_reference[:, 6:] += reference.legs
-            problem.x0[0:3], problem.x0[3:9] = state.com, state.momentum
+            (self._write if compiled is None else compiled.write)(state, contacts, reference, wrench)
         except ValueError as error:
             raise input_error(error, self.settings.nodes, self._contacts) from error
+        if compiled is None:
+            return self._advance(state.time, start)
+        status, iterations = compiled.run(self._guess_time)
+        if status == NOT_FINITE:
+            return self._fall_back(MpcStatus.NOT_FINITE, state.time, iterations, start)
+        self._guess_time = state.time
+        if status == OVERFLOWN:
+            return self._fall_back(MpcStatus.SOLVER_FAILED, state.time, iterations, start)
+        if status != SOLVED:
+            return self._advance(state.time, start)
+        plan = self._make_plan(state.time, compiled.states.copy(), compiled.forces.copy())
+        self._trajectory = Trajectory(plan.xs, self.solver.us.copy())
+        return self._keep(plan, MpcStatus.SOLVED, iterations, start)
+
+    def _write(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> None:
+        problem = self.problem
+        write_intervals(self._points, contacts.points)
+        write_intervals(self._normals, contacts.normals)
+        write_intervals(self._flags, contacts.flags)
+        write_intervals(self._friction, contacts.friction)
+        write_intervals(self._wrench, wrench)
+        self._reference.write(state, reference)
+        if reference.legs is not None:
+            self._x_reference[:, 6:] += reference.legs
+        problem.x0[0:3], problem.x0[3:9] = state.com, state.momentum
         if contacts.flags.all():
             self._com_weight[...], self._u_reference[...] = self._standing_weight, self._weight / self._contacts
         else:
             moving = self._catching_weight if reference.catching else self._stepping_weight
             self._com_weight[...], self._u_reference[...] = moving, self._shares()
-        return self._advance(state.time, start)
 
     def _rest(self) -> Trajectory:
         n, nu = self.settings.nodes, self.problem.nu

@@ -1,12 +1,9 @@
 /* One update of the centroidal MPC, from measured state and horizon to the plan: what lgmpc.mpc.CentroidalMpc.update does.
-   image.c has the controller's memory; exact.c, penalties.c, central_path.c and active_set.c come before. */
-#include <stdlib.h>
-
-#include "lgmpc_mpc.h"
+   exact.c, penalties.c, central_path.c, active_set.c and lgmpc_mpc.h come before. */
 
 enum { N = LGMPC_MPC_NODES, NC = LGMPC_MPC_POINTS, NX = 9, NU = 3 * NC };
 
-/* Addresses in the memory, in the order of lgmpc.mpc.export. */
+/* Addresses in the memory, in the order of lgmpc.mpc.compiled. */
 typedef struct {
   const long long* plan; /* numbers of a node's parameters; iterations; failures from which plans are stale; calls of each
                             of the sequences; places of a node's parameters */
@@ -16,18 +13,15 @@ typedef struct {
   double *com, *com_velocity, *angular_velocity, *attitude, *rotation, *inertia;
   const double *standing, *stepping, *catching;
   double *good_xs, *good_us; /* of the last plan */
-  double* state; /* time of the guess and of the last plan, s, NaN for none; failures in a row */
+  double* state; /* time of the guess and of the last plan, s, NaN for none; failures in a row; factorisations */
   const Call *refer, *move, *expand, *subtract, *retract;
   const Solver* solver;
 } Update;
 
 enum { PARAMETERS, ITERATIONS, STALE, REFER, MOVE, EXPAND, POINTS, NORMALS, FLAGS, FRICTION, WRENCH, X_REFERENCE, X_WEIGHT,
        U_REFERENCE };
-enum { GUESSED, PLANNED, FAILURES };
-
-void* lgmpc_image_create(void);
-void lgmpc_image_destroy(void* image);
-void* lgmpc_image_root(void* image);
+enum { GUESSED, PLANNED, FAILURES, FACTORISATIONS };
+enum { LGMPC_MPC_OVERFLOWN = LGMPC_MPC_NOT_FINITE + 1 }; /* of inputs that are finite */
 
 #define COPY(from, count, to) memcpy(to, from, sizeof(double) * (count))
 
@@ -116,38 +110,24 @@ static int iterate(const Update* u) {
   return 1;
 }
 
-/* Note a failure: the next update starts from the last plan, unless that may have caused it. */
-static int failed(const Update* u, int status) {
-  const int stale = ++u->state[FAILURES] > u->plan[STALE];
-  u->state[GUESSED] = NAN;
-  if (status == LGMPC_MPC_NOT_FINITE && !stale && !isnan(u->state[PLANNED])) {
-    set_guess(u, u->good_xs, u->good_us);
-    u->state[GUESSED] = u->state[PLANNED];
-  }
-  return status;
-}
-
-lgmpc_mpc* lgmpc_mpc_create(void) { return lgmpc_image_create(); }
-void lgmpc_mpc_destroy(lgmpc_mpc* mpc) { lgmpc_image_destroy(mpc); }
-
-void lgmpc_mpc_reset_guess(lgmpc_mpc* mpc) { ((const Update*) lgmpc_image_root(mpc))->state[GUESSED] = NAN; }
-
-int lgmpc_mpc_update(lgmpc_mpc* mpc, const lgmpc_mpc_inputs* in, lgmpc_mpc_plan* out) {
-  const Update* u = lgmpc_image_root(mpc);
+/* Plan; unless LGMPC_MPC_SOLVED is returned the plan is as it was. */
+EXPORT int lgmpc_mpc_attempt(const Update* u, const lgmpc_mpc_inputs* in, lgmpc_mpc_plan* out) {
   const long long size = u->plan[PARAMETERS];
   double forces[N * NU];
   int i, k;
   write_problem(u, in);
+  u->state[FACTORISATIONS] = 0;
   if (!isfinite(in->time) || !all_finite(u->x0, NX) || !all_finite(u->parameters, (N + 1) * size))
-    return failed(u, LGMPC_MPC_NOT_FINITE);
+    return LGMPC_MPC_NOT_FINITE;
   warm_start(u, in->time);
-  for (i = 0; i < u->plan[ITERATIONS]; ++i)
-    if (!iterate(u)) return failed(u, LGMPC_MPC_NOT_SOLVED);
+  for (i = 0; i < u->plan[ITERATIONS]; ++i) {
+    if (!iterate(u)) return LGMPC_MPC_NOT_SOLVED;
+    u->state[FACTORISATIONS] += u->solver->counts[0];
+  }
   for (k = 0; k < N; ++k)
     for (i = 0; i < NU; ++i) forces[k * NU + i] = u->us[k * NU + i] * u->parameters[k * size + u->plan[FLAGS] + i / 3];
-  if (!all_finite(u->xs, (N + 1) * NX) || !all_finite(forces, N * NU)) return failed(u, LGMPC_MPC_NOT_SOLVED);
-  COPY(u->xs, (N + 1) * NX, u->good_xs), COPY(u->us, N * NU, u->good_us);
-  u->state[PLANNED] = out->time = in->time, u->state[FAILURES] = 0;
+  if (!all_finite(u->xs, (N + 1) * NX) || !all_finite(forces, N * NU)) return LGMPC_MPC_OVERFLOWN;
+  out->time = in->time;
   COPY(u->xs, (N + 1) * NX, out->states), COPY(forces, N * NU, out->forces);
   return LGMPC_MPC_SOLVED;
 }

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.compile import densify_function
-from lgmpc.compile.compiler import FLAGS
+from lgmpc.compile.exported import write_exported
 from lgmpc.compile.simd import generate_simd
 from lgmpc.errors import InputError
 from lgmpc.robot.friction import facet_normals, pyramid_half_width
@@ -98,14 +98,9 @@ def write_tick_library(wbc: WholeBodyController, ticks: Array, folder: Path) -> 
     folder.mkdir(parents=True, exist_ok=True)
     function = densify_function(quadratic_programme(wbc.robot, wbc.qp.symbolic))
     parts = {f"data_{i}.c": part for i, part in enumerate(generate_simd(function, lanes=False))}
-    own = {name: (files("lgmpc.wbc") / name).read_text("utf-8") for name in ("tick.c", "active_set.c", "replay.c")}
+    own = {name: (files("lgmpc.wbc") / name).read_text("utf-8") for name in ("tick.c", "active_set.c")}
     texts = parts | own | {"lgmpc_tick.h": _header(wbc), "constants.h": _constants(wbc)}
-    texts["CMakeLists.txt"] = _BUILD.format(
-        parts=" ".join(parts), flags=" ".join(flag for flag in FLAGS if flag not in ("-fPIC", "-shared"))
-    )
-    for name, text in texts.items():
-        (folder / name).write_text(text, "utf-8")
-    ticks.astype("<f8").tofile(folder / "ticks.bin")
+    write_exported(folder, "lgmpc_tick", texts, _REPLAYED, ticks)
 
 
 def _header(wbc: WholeBodyController) -> str:
@@ -161,6 +156,12 @@ def _array(kind: str, name: str, values: Iterable[float]) -> str:
     return f"static const {kind} {name}[] = {{{', '.join(map(repr, values)).replace('inf', 'INFINITY')}}};"
 
 
+_REPLAYED = {
+    "INPUTS": "lgmpc_inputs", "OUTPUTS": "lgmpc_outputs", "MEMORY": "lgmpc_tick", "CREATE": "lgmpc_tick_create",
+    "RESET": "lgmpc_tick_reset", "CALL": "lgmpc_tick_solve", "DESTROY": "lgmpc_tick_destroy",
+    "COMPARED(x)": "x.torques", "CALLS": '"ticks"', "RESULTS": '"torques"',
+}  # fmt: skip
+
 _HEADER = """\
 /* The whole-body tick of {robot}: state and targets in, joint torques out. Written by lgmpc.
 
@@ -195,23 +196,4 @@ void lgmpc_tick_reset(lgmpc_tick *);
 int lgmpc_tick_solve(lgmpc_tick *, const lgmpc_inputs *, lgmpc_outputs *);
 
 #endif
-"""
-
-_BUILD = """\
-# cmake -B build && cmake --build build && ctest --test-dir build --output-on-failure
-cmake_minimum_required(VERSION 3.10)
-project(lgmpc_tick C)
-enable_testing()
-# The flags of lgmpc itself: with them, and for the same processor, results are the same bits.
-option(NATIVE "Compile for this computer's processor" ON)
-add_compile_options({flags} $<$<BOOL:${{NATIVE}}>:-march=native>)
-add_library(lgmpc_tick STATIC tick.c active_set.c {parts})
-target_include_directories(lgmpc_tick PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}})
-target_link_libraries(lgmpc_tick PUBLIC m)
-add_executable(replay replay.c)
-target_link_libraries(replay lgmpc_tick)
-add_test(NAME replay COMMAND replay ${{CMAKE_CURRENT_SOURCE_DIR}}/ticks.bin)
-if(EXISTS ${{CMAKE_CURRENT_SOURCE_DIR}}/mpc)
-  add_subdirectory(mpc)
-endif()
 """

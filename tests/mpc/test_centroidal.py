@@ -157,6 +157,26 @@ def test_same_inputs_give_the_same_bits() -> None:
         np.testing.assert_array_equal(first, other)
 
 
+@pytest.mark.parametrize("iterations", [1, 2])
+def test_machine_code_of_the_whole_update_gives_the_bits_of_its_parts(
+    iterations: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, parts = make(sqp_iterations=iterations), make(sqp_iterations=iterations)
+    assert whole._compiled is not None
+    parts._compiled = None
+    swinging = {"flags": STANCE & [True, False, True, True], "wrench": np.array([8.0, 0.0, 1.0, 0.0, 0.1, 0.0])}
+    failing = whole.solver.qp_solver, parts.solver.qp_solver
+    for i, change in enumerate([{}, swinging, {**swinging, "catching": True}, {}, {"friction": np.nan}, {}, swinging]):
+        for solver in failing:
+            solver._counts[1:3] = (1, 0) if i == 6 else (25, 30)  # too few: the fallback solves
+        x = STANDING + (i / 6) * np.array([0.2, -0.3, -0.1, 2.0, -3.0, -1.0, 0.5, 0.5, 0.2])
+        one, other = (update(mpc, 0.013 * i, x, **change) for mpc in (whole, parts))
+        assert (one.time, one.status, one.qp_iterations) == (other.time, other.status, other.qp_iterations)
+        np.testing.assert_array_equal(one.xs, other.xs)
+        np.testing.assert_array_equal(one.forces, other.forces)
+        assert [solver.took_over for solver in failing] == [i == 6, i == 6]
+
+
 def test_more_iterations_change_little() -> None:
     one, _ = closed_loop(make(), (1.4, 1.4), seconds=0.6)
     three, _ = closed_loop(make(sqp_iterations=3), (1.4, 1.4), seconds=0.6)
@@ -381,7 +401,7 @@ def test_weights_steer() -> None:
 def test_a_loosely_solved_plan_is_followed_if_it_nearly_keeps_forces_and_dynamics(
     constraint: float, dynamics: float, status: MpcStatus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mpc = make()
+    mpc = make(qp_solver="piqp")  # which has no machine code of the whole update
     exact = mpc.solver.feedback
 
     def loose(x0: np.ndarray) -> Solution:

@@ -52,7 +52,7 @@ def test_recorded_runs_are_repeated_bit_for_bit(
     assert found == updates
     if updates:
         mpc = tmp_path / "tick" / "mpc"
-        program, file = build(mpc), mpc / "updates.bin"
+        program, file = build(mpc), mpc / "records.bin"
         replayed = subprocess.run([program, file], capture_output=True, text=True)
         assert f"{updates} updates: 0 with other plans" in replayed.stdout and replayed.returncode == 0
         recorded = np.fromfile(file).reshape(updates, -1)
@@ -66,7 +66,7 @@ def test_recorded_runs_are_repeated_bit_for_bit(
         assert "the MPC's update is not written: robot.feet: got 8 points" in caplog.text
     assert ticks == round(run.session.metrics.survived_s / 1e-3)
     replayed = subprocess.run(
-        [build(tmp_path / "tick"), tmp_path / "tick" / "ticks.bin"], capture_output=True, text=True
+        [build(tmp_path / "tick"), tmp_path / "tick" / "records.bin"], capture_output=True, text=True
     )
     assert f"{ticks} ticks: 0 with other torques" in replayed.stdout and replayed.returncode == 0
 
@@ -79,7 +79,7 @@ def test_other_torques_and_other_states_are_found(tmp_path: Path) -> None:
     folder = tmp_path / "tick"
     written = CliRunner().invoke(app, ["export", str(run.folder.path), "--c", str(folder)])
     assert written.exit_code == 0 and "100 ticks" in written.output
-    replay, file = build(folder), folder / "ticks.bin"
+    replay, file = build(folder), folder / "records.bin"
     recorded = np.fromfile(file).reshape(100, -1)
     changed = recorded.copy()
     changed[50, -31] += 1e-12  # the first force comes after twelve torques; the acceleration has 18 numbers

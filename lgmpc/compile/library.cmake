@@ -1,0 +1,16 @@
+# cmake -B build && cmake --build build && ctest --test-dir build --output-on-failure
+cmake_minimum_required(VERSION 3.10)
+project(@NAME@ C)
+enable_testing()
+# The flags of lgmpc itself: with them, and for the same processor, results are the same bits.
+option(NATIVE "Compile for this computer's processor" ON)
+add_compile_options(@FLAGS@ $<$<BOOL:${NATIVE}>:-march=native>)
+add_library(@NAME@ STATIC @SOURCES@)
+target_include_directories(@NAME@ PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
+target_link_libraries(@NAME@ PUBLIC m)
+add_executable(replay_@NAME@ replay.c)
+target_link_libraries(replay_@NAME@ @NAME@)
+add_test(NAME replay_@NAME@ COMMAND replay_@NAME@ ${CMAKE_CURRENT_SOURCE_DIR}/records.bin)
+if(EXISTS ${CMAKE_CURRENT_SOURCE_DIR}/mpc)
+  add_subdirectory(mpc)
+endif()

@@ -4,6 +4,9 @@ A robot without a map knows the ground from its feet. The plane ``z = c + g . (p
 every foot best (m, their mean) is the ground under the robot and for a step around it; its slope g is filtered, because
 single steps on uneven ground tilt the fit. The height c follows at once: filtered, it would lag behind on a slope.
 
+On blocks the fit tilts by chance with every step, and a base that follows throws the robot off its feet. A plane is
+told from that by its residual: the more footholds of the last stride are off their plane, the slower the slope follows.
+
 Footholds of a level floor differ by some millimetres in height, by what feet sink in and by errors of the estimate. A
 plane within that is taken as level, exactly: its slope counts in full from twice the tilt on.
 """
@@ -25,6 +28,10 @@ _PERIOD = 5e-3
 """Time between two fits, s: the feet that stand hardly move meanwhile."""
 _RIDGE = 1e-6
 """Weight of a level plane in the fit, in units of the footholds' squared distances: decides where they lie in line."""
+_UNEVEN_SHARE = 0.01
+"""Residual of the fit at which the slope follows at half the speed, in heights of the centre of mass."""
+_MEMORY_SHARE = 3.0
+"""Time in which a residual is forgotten, about a stride, in units of sqrt(h / g)."""
 
 
 class TerrainBeliefSettings(Settings):
@@ -76,11 +83,12 @@ class TerrainBelief:
         self._middle = (0.0, 0.0, 0.0)
         self._elapsed = 0.0
         self._flat, self._steepest = math.tan(math.radians(s.level_deg)), math.tan(math.radians(s.steepest_deg))
-        self._time_constant = s.filter_share * math.sqrt(height / GRAVITY)
+        self._fall_time, self._time_constant = (share * math.sqrt(height / GRAVITY) for share in (1.0, s.filter_share))
+        self._even, self._unevenness = _UNEVEN_SHARE * height, 0.0
 
     def begin(self, points: Array, stance: BoolArray | None = None) -> None:
         """Begin with feet at ``points`` (nc, 3), m; those that do not stand are taken as level with the others."""
-        self._elapsed = 0.0
+        self._elapsed = self._unevenness = 0.0
         self.footholds[...] = points
         if stance is not None and stance.any() and not stance.all():
             self.footholds[~stance, 2] = points[stance, 2].mean()
@@ -122,7 +130,7 @@ class TerrainBelief:
         return level
 
     def _fit(self, share: float) -> None:
-        """Move the slope by ``share`` towards that of the plane that fits the footholds best."""
+        """Move the slope towards that of the plane that fits the footholds best: by ``share``, less if uneven."""
         points: list[list[float]] = self.footholds.tolist()
         count = len(points)
         mx, my, mz = (sum(each) / count for each in zip(*points, strict=True))
@@ -135,7 +143,11 @@ class TerrainBelief:
         determinant = xx * yy - xy * xy
         self._middle = (mx, my, mz)
         if determinant > 0.0:
-            self._turn_to((yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant, share)
+            fx, fy = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+            squares = sum((z - mz - fx * (x - mx) - fy * (y - my)) ** 2 for x, y, z in points)
+            forgotten = math.exp(-self._elapsed / (_MEMORY_SHARE * self._fall_time))
+            self._unevenness = max(math.sqrt(squares / count), forgotten * self._unevenness)
+            self._turn_to(fx, fy, share / (1.0 + (self._unevenness / self._even) ** 2))
 
     def _turn_to(self, fx: float, fy: float, share: float) -> None:
         """Move the slope by ``share`` towards (fx, fy)."""

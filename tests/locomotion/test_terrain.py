@@ -65,6 +65,17 @@ def test_the_slope_follows_within_the_filters_time_and_the_height_at_once() -> N
     assert belief.height_at(0.0, 0.0) == pytest.approx(0.1, abs=1e-12)
 
 
+def test_the_slope_follows_blocks_slowly_and_a_plane_after_a_stride() -> None:
+    belief, fall_time = believed((0.0, 0.0)), math.sqrt(0.24 / 9.81)
+    points = on_plane(FEET, (0.0, 0.0)) + np.outer([0.0, 0.08, 0.0, 0.0], [0.0, 0.0, 1.0])  # best fit: a rise of 0.1
+    for _ in range(round(fall_time / 1e-3)):
+        belief.update(1e-3, points, STANDING)
+    assert abs(belief.slope[0]) < 0.01
+    for _ in range(round(8.0 * fall_time / 1e-3)):
+        belief.update(1e-3, on_plane(FEET, (0.3, 0.0)), STANDING)
+    assert belief.slope[0] == pytest.approx(0.3, rel=0.1)
+
+
 def test_feet_in_the_air_keep_their_last_foothold() -> None:
     belief = believed((0.2, 0.0))
     raised = belief.footholds + [0.1, 0.0, 0.3]

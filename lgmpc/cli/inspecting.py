@@ -6,7 +6,6 @@ import json
 import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
@@ -25,9 +24,6 @@ from lgmpc.runs.atomic import atomic_write
 from lgmpc.runs.forensics import Explanation
 from lgmpc.runs.tables import Table, events_table, margins_table
 from lgmpc.shipped import shipped_config, shipped_configs, shipped_sweeps
-
-if TYPE_CHECKING:
-    from lgmpc.config.showing import SolveExplanation
 
 _NEAREST = 8
 _WIDTH = 28
@@ -98,7 +94,7 @@ def _problem(config: SolveConfig, scenario: Scenario, figures: Sequence[str]) ->
         where = ", ".join(f"{x:.3g}" for x in waypoint.position)
         yield "waypoint", f"{waypoint.name} at [{where}] m, {waypoint.time:g} s"
     yield "solver", f"{solver.method}, at most {solver.max_iterations} iterations"
-    bounds = config.gate.bounds
+    bounds = config.gate.limits
     yield "gate", f"{'converged' if config.gate.converged else 'need not converge'}, {len(bounds)} bounds"
     yield "figures", ", ".join(figures)
 
@@ -188,20 +184,19 @@ def explain_shown(folder: Path, *, as_json: bool) -> None:
         print(json.dumps({"folder": str(folder), **explanation.content()}, indent=2))
         return
     _show_explanation(out(), explanation)
-    if isinstance(explanation, Explanation) and explanation.events:
+    if explanation.events:
         out().print(Text(f"next: {explanation.command(folder)}    (changed from the first event on)", "dim"))
     out().print(Text(f"next: lgmpc report {shlex.quote(str(folder))}    (figures, replay)", "dim"))
 
 
-def _show_explanation(console: Console, explanation: Explanation | SolveExplanation) -> None:
+def _show_explanation(console: Console, explanation: Explanation) -> None:
     show_verdict(console, Verdict(explanation.outcome), explanation.name)
     for sentence in explanation.summary:
         console.print(Text(f"  - {sentence}"))
-    if isinstance(explanation, Explanation):
-        if explanation.events:
-            show_table(events_table(explanation.events, explanation.failed_s, explanation.failure))
-        if explanation.earlier:
-            counts = (f"{count} x {name}" for name, count in explanation.earlier.items())
-            console.print(Text(f"earlier: {', '.join(counts)}", "dim"))
+    if explanation.events:
+        show_table(events_table(explanation.events, explanation.failed_s, explanation.failure))
+    if explanation.earlier:
+        counts = (f"{count} x {name}" for name, count in explanation.earlier.items())
+        console.print(Text(f"earlier: {', '.join(counts)}", "dim"))
     if explanation.nearest:
         show_table(margins_table(explanation.nearest[:_NEAREST]))

@@ -19,7 +19,7 @@ from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
 from lgmpc.config.session import Iteration, Progress, stop_signals
 from lgmpc.errors import InputError, Interrupted
-from lgmpc.runs import Outcome, flat_metrics, measured
+from lgmpc.runs import Outcome
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.metrics import timing
@@ -82,17 +82,15 @@ def live_shown(config: Config, link: Link, folder: Path, duration_s: float) -> N
 
 def _show_run(run: FinishedRun, *, quiet: bool) -> None:
     """Print the figures, the verdict, and the commands for the saved run."""
-    console, metrics, gate = out(), run.session.metrics, run.config.gate
-    if metrics is not None and not quiet:
-        limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
-        values = flat_metrics(metrics)
-        others = [(name, value) for name in _ALWAYS_SHOWN if (value := values.get(name)) is not None]
-        show_table(limits_table(limited, others))
-    show_verdict(console, run.session.verdict, run.result.name)
+    console, result, figures = out(), run.result, run.result.figures
+    if figures and not quiet:
+        others = [(name, value) for name in _ALWAYS_SHOWN if (value := figures.get(name)) is not None]
+        show_table(limits_table(result.limited(run.config.gate.limits), others))
+    show_verdict(console, result.verdict, result.name)
     if not quiet:
-        if run.session.certificate is not None:
-            console.print(_certified(run.session.certificate))
-        failed = run.session.verdict.outcome is Outcome.FAIL
+        if result.certificate is not None:
+            console.print(_certified(result.certificate))
+        failed = result.verdict.outcome is Outcome.FAIL
         show_next(console, run.folder.path, *((("explain", "the events that led to the failure"),) if failed else ()))
 
 
@@ -263,10 +261,10 @@ def solve_shown(config: SolveConfig, folder: Path, *, as_json: bool, quiet: bool
 def _show_solve(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) -> None:
     console, outcome = out(), finished.outcome
     if not quiet:
-        figures, bounds = outcome.figures, config.gate.bounds
-        bounded = set(map(figure_of, bounds))
-        others = [each for each in figures.items() if each[0] not in bounded and not math.isnan(each[1])]
-        show_table(limits_table([(key, figures[figure_of(key)], limit) for key, limit in bounds.items()], others))
+        limits = config.gate.limits
+        limited = set(map(figure_of, limits))
+        others = [each for each in outcome.figures.items() if each[0] not in limited and not math.isnan(each[1])]
+        show_table(limits_table(finished.result.limited(limits), others))
     if outcome.explanation and not (quiet and outcome.converged) and outcome.verdict.outcome is not Outcome.INTERRUPTED:
         console.print(Text(outcome.explanation))
     show_verdict(console, outcome.verdict, finished.result.name)

@@ -52,9 +52,9 @@ def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Ma
 
 def _solved(config: Config, key: str, folder: str) -> TrajectoryLog:
     run = load_run(Path(folder))
-    if not isinstance(run, SolvedRun) or not run.trajectory.finite:
+    if not isinstance(run, SolvedRun) or not run.log.finite:
         raise config.error(f"{key}.run", folder, "the run of a solved problem, as `lgmpc solve` saves it")
-    return run.trajectory
+    return run.log
 
 
 def _solve(config: Config, key: str, source: ManeuverSource, notify: Notify) -> TrajectoryLog:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +13,7 @@ from lgmpc.config.robots import build_any_robot, joint_limits
 from lgmpc.config.solving import solution_as_run
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.runs import Outcome, Run, SolvedRun, TrajectoryLog, load_run
-from lgmpc.runs.atomic import json_values
+from lgmpc.runs import Run, SolvedRun, TrajectoryLog, load_run
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.runs.forensics import Explanation, explain_run
@@ -26,10 +24,8 @@ from lgmpc.viz import (
     in_notebook,
     open_page,
     plot_run,
-    plot_trajectory,
     replay_page,
     run_report,
-    solve_report,
     write_page,
 )
 from lgmpc.viz.film import FILM_KINDS, write_film
@@ -41,7 +37,7 @@ if TYPE_CHECKING:
     from lgmpc.problems import Scenario
     from lgmpc.solvers import History, Solution
 
-__all__ = ["SolveExplanation", "explain", "export", "plot", "plot_solution", "report", "show", "show_solution"]
+__all__ = ["explain", "export", "plot", "plot_solution", "report", "show", "show_solution"]
 
 
 def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path | None:
@@ -63,7 +59,7 @@ def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None 
 
 
 def _replay(run: Run | SolvedRun) -> str:
-    return replay_page(_robot_of(run), run, None if isinstance(run, SolvedRun) else _ground_of(run))
+    return replay_page(_robot_of(run), run, _ground_of(run))
 
 
 def export(run: str | Path | FinishedRun | FinishedSolve, file: str | Path, table: str | None = None) -> Path:
@@ -87,7 +83,7 @@ def export(run: str | Path | FinishedRun | FinishedSolve, file: str | Path, tabl
     if path.suffix in (".csv", ".parquet"):
         return loaded.to_csv(path, table) if path.suffix == ".csv" else loaded.to_parquet(path, table)
     if path.suffix in FILM_KINDS and table is None:
-        times = loaded.log.time if isinstance(loaded, Run) else loaded.trajectory.times
+        times = loaded.log.time if isinstance(loaded, Run) else loaded.log.times
         write_film(_replay(loaded), path, float(times[-1] - times[0]))
         return path
     if path.suffix not in (".mcap", ".rrd", *FILM_KINDS):
@@ -141,7 +137,7 @@ def plot_solution(scenario: Scenario | Robot, solution: Solution, *, history: Hi
         InputError: if the trajectory is not finite or of another robot.
     """
     robot, run = solution_as_run(scenario, solution, history)
-    return plot_trajectory(robot, run)
+    return plot_run(robot, run)
 
 
 def _display(page: str, html: str | Path | None, default: Path) -> Path | None:
@@ -170,33 +166,10 @@ def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
         InputError: if the run has nothing to draw.
     """
     loaded = _load(run)
-    return plot_trajectory(_robot_of(loaded), loaded) if isinstance(loaded, SolvedRun) else plot_run(loaded)
+    return plot_run(_robot_of(loaded), loaded)
 
 
-@dataclass(frozen=True)
-class SolveExplanation:
-    """The diagnosis of a solve.
-
-    Attributes:
-        name: name of the solve.
-        outcome: outcome of its verdict.
-        reasons: reasons of the verdict.
-        summary: sentences on the iterations, the end, and the solution.
-        nearest: margins of the gate's bounds and of the controls nearest to their limits.
-    """
-
-    name: str
-    outcome: Outcome
-    reasons: tuple[str, ...]
-    summary: tuple[str, ...]
-    nearest: tuple[Nearest, ...]
-
-    def content(self) -> dict[str, Any]:
-        """Return it as plain values for JSON."""
-        return cast("dict[str, Any]", json_values(asdict(self)))
-
-
-def explain(run: str | Path | FinishedRun | FinishedSolve) -> Explanation | SolveExplanation:
+def explain(run: str | Path | FinishedRun | FinishedSolve) -> Explanation:
     """Find the events that led to the failure of a closed loop, or the course and end of a solve.
 
     Args:
@@ -207,11 +180,11 @@ def explain(run: str | Path | FinishedRun | FinishedSolve) -> Explanation | Solv
         InputError: if the run has fewer than two ticks with a finite state.
     """
     loaded = _load(run)
-    return _explained_solve(loaded) if isinstance(loaded, SolvedRun) else _explained(loaded, _robot_of(loaded))
+    return _explained(loaded, _robot_of(loaded))
 
 
-def _explained_solve(run: SolvedRun) -> SolveExplanation:
-    result, log = run.result, run.trajectory
+def _explained_solve(run: SolvedRun) -> Explanation:
+    result, log = run.result, run.log
     count = len(log.iteration_cost)
     ended = f"{result.method} ended as {result.status.replace('_', ' ')} after {count} iterations"
     summary = [ended]
@@ -225,10 +198,10 @@ def _explained_solve(run: SolvedRun) -> SolveExplanation:
         if rejected:
             summary.append(f"no step was accepted in {rejected} of the iterations")
     summary += result.explanation.splitlines()
-    bounds = _config_of(run).gate.bounds
-    nearest = [figure_margin(key, result.figures[figure_of(key)], limit) for key, limit in bounds.items()]
+    limits = _config_of(run).gate.limits
+    nearest = [figure_margin(key, result.figures[figure_of(key)], limit) for key, limit in limits.items()]
     nearest = sorted((*nearest, *_controls(log)), key=lambda each: -each.used)
-    return SolveExplanation(result.name, result.verdict.outcome, result.verdict.reasons, tuple(summary), tuple(nearest))
+    return Explanation(result.name, result.verdict.outcome, result.verdict.reasons, tuple(summary), tuple(nearest))
 
 
 def _controls(log: TrajectoryLog) -> Iterator[Nearest]:
@@ -260,23 +233,21 @@ def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | Non
         InputError: if the run has nothing to show.
     """
     loaded = _load(run)
-    robot = _robot_of(loaded)
-    if isinstance(loaded, SolvedRun):
-        page = solve_report(robot, loaded, _config_of(loaded).gate.bounds)
-    else:
-        gate, ground = _config_of(loaded).gate, _ground_of(loaded)
-        page = run_report(robot, loaded, gate, _explained(loaded, robot), ground)
+    robot, limits = _robot_of(loaded), _config_of(loaded).gate.limits
+    page = run_report(robot, loaded, limits, _explained(loaded, robot), _ground_of(loaded))
     return write_page(page, html or loaded.path / "report.html")
 
 
-def _explained(run: Run, robot: Robot) -> Explanation:
+def _explained(run: Run | SolvedRun, robot: Robot) -> Explanation:
+    if isinstance(run, SolvedRun):
+        return _explained_solve(run)
     config = _config_of(run)
     return explain_run(run, config.gate, joint_limits(robot, config.plant.actuators))
 
 
-def _ground_of(run: Run) -> World:
+def _ground_of(run: Run | SolvedRun) -> World:
     config = _config_of(run)
-    return make_world(config.world, config.plant.friction)
+    return World() if isinstance(run, SolvedRun) else make_world(config.world, config.plant.friction)
 
 
 def _config_of(run: Run | SolvedRun) -> Any:

@@ -156,7 +156,7 @@ def check_scenario(config: SolveConfig) -> tuple[Scenario, tuple[str, ...]]:
         config.error(
             f"gate.{bound}", got, expected, [f"gate.{bound[:4]}{name}" for name in names], word=f"gate.{bound}"
         )
-        for bound in unknown_bounds(config.gate.bounds, names)
+        for bound in unknown_bounds(config.gate.limits, names)
     ]
     if found:
         raise as_one_error(found)
@@ -248,7 +248,7 @@ class SolveSession:
             reasons.append(f"not converged: {ending} after {count}; {status.remedy}")
         if status.solved:
             reasons += _unconfirmed(measured, solution.scale, max(_VERIFIED, self.solver.settings.tolerance))
-        reasons += judge_figures(figures, gate.bounds)
+        reasons += judge_figures(figures, gate.limits)
         return Verdict(Outcome.FAIL if reasons else Outcome.PASS, tuple(reasons))
 
 

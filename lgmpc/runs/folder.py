@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, TypeVar
@@ -33,29 +33,13 @@ DEPLOYMENT_FILE = "deployment.json"
 
 
 @dataclass(frozen=True)
-class Run(Recorded):
+class Run(Recorded[RunLog, RunResult]):
     """A closed loop's run folder; ``run["tau"]`` is a channel of its ``log``."""
-
-    log: RunLog = field(repr=False)
-    result: RunResult
-
-    @property
-    def arrays(self) -> RunLog:
-        """The log."""
-        return self.log
 
 
 @dataclass(frozen=True)
-class SolvedRun(Recorded):
-    """A solved problem's run folder; ``run["xs"]`` is a channel of its ``trajectory``."""
-
-    trajectory: TrajectoryLog = field(repr=False)
-    result: SolveResult
-
-    @property
-    def arrays(self) -> TrajectoryLog:
-        """The trajectory."""
-        return self.trajectory
+class SolvedRun(Recorded[TrajectoryLog, SolveResult]):
+    """A solved problem's run folder; ``run["xs"]`` is a channel of its ``log``, the trajectory."""
 
 
 @dataclass(frozen=True)
@@ -144,12 +128,6 @@ class RunFolder:
         path = Path(path)
         return Run(path, *_read(path, RunLog, RunResult))
 
-    @staticmethod
-    def load_solved(path: Path | str) -> SolvedRun:
-        """Return the checked contents of a solved problem's run folder; errors as :meth:`load`."""
-        path = Path(path)
-        return SolvedRun(path, *_read(path, TrajectoryLog, SolveResult))
-
 
 def find_run(text: str, runs: str | Path = "runs") -> Path:
     """Return a run folder.
@@ -190,7 +168,7 @@ def load_run(run: str | Path, runs: str | Path = "runs") -> Run | SolvedRun:
     """
     path = find_run(run, runs) if isinstance(run, str) else run
     solved = kind_of(_texts(path)[1], str(path / RESULT_FILE)) == SolveResult.kind
-    return RunFolder.load_solved(path) if solved else RunFolder.load(path)
+    return SolvedRun(path, *_read(path, TrajectoryLog, SolveResult)) if solved else RunFolder.load(path)
 
 
 def _read(path: Path, arrays: type[A], result: type[R]) -> tuple[str, A, R]:

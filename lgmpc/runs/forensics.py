@@ -6,7 +6,7 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -31,30 +31,30 @@ _AFTER_S = 0.1
 
 @dataclass(frozen=True)
 class Explanation:
-    """The diagnosis of a run.
+    """The diagnosis of a closed loop or, without time of failure and events, of a solve.
 
     Attributes:
         name: name of the run.
         outcome: outcome of its verdict.
         reasons: reasons of the verdict.
-        failed_s: time of the failure, s; ``None`` if it passed, or violated only limits on figures of the whole run.
-        failure: the failure in words; empty if it passed.
         summary: sentences.
-        events: the chain before the failure, in order; of a run that passed, all of its events.
-        earlier: number of events of each name before the chain.
         nearest: smallest margin of each limited quantity up to the failure, in order of the share used. Slip without
             a limit is not among them.
+        failed_s: time of the failure, s; ``None`` if it passed, or violated only limits on figures of the whole run.
+        failure: the failure in words; empty if it passed.
+        events: the chain before the failure, in order; of a run that passed, all of its events.
+        earlier: number of events of each name before the chain.
     """
 
     name: str
     outcome: Outcome
     reasons: tuple[str, ...]
-    failed_s: float | None
-    failure: str
     summary: tuple[str, ...]
-    events: tuple[Event, ...]
-    earlier: Mapping[str, int]
     nearest: tuple[Nearest, ...]
+    failed_s: float | None = None
+    failure: str = ""
+    events: tuple[Event, ...] = ()
+    earlier: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def replay_from_s(self) -> float | None:
@@ -111,7 +111,7 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
     if failed_s is None and run.result.metrics is not None:
         nearest += gate_figures(run.result.metrics, gate)
     nearest.sort(key=lambda each: -each.used)
-    found_out = (failed_s, failure.words, _summary(failure, chain, nearest), chain, earlier, tuple(nearest))
+    found_out = (_summary(failure, chain, nearest), tuple(nearest), failed_s, failure.words, chain, earlier)
     return Explanation(run.result.name, verdict.outcome, verdict.reasons, *found_out)
 
 

@@ -157,7 +157,7 @@ class SolveGate(Settings):
         return data
 
     @property
-    def bounds(self) -> dict[str, float]:
+    def limits(self) -> dict[str, float]:
         """The bounds, by their keys (``max_effort_ratio``)."""
         return dict(self.__pydantic_extra__ or {})
 

@@ -6,7 +6,7 @@ import csv
 import io
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from lgmpc.runs.channels import ArrayFile, Channel, Quantity
 
 if TYPE_CHECKING:
     from lgmpc.runs.result import RunResult, SolveResult
+
+L_co = TypeVar("L_co", bound=ArrayFile, covariant=True)
+R_co = TypeVar("R_co", bound="RunResult | SolveResult", covariant=True)
 
 
 @dataclass(frozen=True)
@@ -67,32 +70,25 @@ def columns_of(log: ArrayFile, table: str) -> list[Column]:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class Recorded(Generic[L_co, R_co]):
     """A finished run of any kind: arrays by the names of their channels, and tables of them.
 
     Attributes:
         path: the folder.
         config: text of its ``config.yaml``.
+        log: the arrays.
+        result: the content of its ``run.json``.
     """
 
     path: Path
     config: str = field(repr=False)
-
-    if TYPE_CHECKING:  # a field of the subclasses
-
-        @property
-        def result(self) -> RunResult | SolveResult:
-            """The contents of its ``run.json``."""
-
-    @property
-    def arrays(self) -> ArrayFile:
-        """The file of the arrays."""
-        raise NotImplementedError
+    log: L_co = field(repr=False)
+    result: R_co
 
     @property
     def channels(self) -> dict[str, Quantity]:
         """Shape, unit, frame and meaning of each channel that was recorded."""
-        return self.arrays.channels
+        return self.log.channels
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return the array of a channel.
@@ -100,14 +96,14 @@ class Recorded:
         Raises:
             InputError: there is no channel of this name, or it was not recorded in this run.
         """
-        known = {each.name: each.metadata["channel"] for each in fields(self.arrays) if "channel" in each.metadata}
+        known = {each.name: each.metadata["channel"] for each in fields(self.log) if "channel" in each.metadata}
         if name not in known:
             raise InputError("channel", name, f"a channel of {self.path.name}", tuple(self.channels))
-        if getattr(self.arrays, name) is None:
+        if getattr(self.log, name) is None:
             raise InputError(
                 "channel", name, f"one that was recorded; {self.path.name} has none of: {known[name].about}"
             )
-        array: NDArray[Any] = getattr(self.arrays, name)
+        array: NDArray[Any] = getattr(self.log, name)
         return array
 
     def to_pandas(self, table: str | None = None) -> Any:
@@ -183,4 +179,4 @@ class Recorded:
         return Path(file)
 
     def _columns(self, table: str | None) -> list[Column]:
-        return columns_of(self.arrays, next(iter(self.arrays.tables())) if table is None else table)
+        return columns_of(self.log, next(iter(self.log.tables())) if table is None else table)

@@ -11,15 +11,15 @@ from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from importlib import metadata
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from lgmpc.errors import RunFolderError
 from lgmpc.runs.atomic import Number, json_values
 from lgmpc.runs.certificate import Certificate
-from lgmpc.runs.figures import figure_number, figure_words
-from lgmpc.runs.gate import Verdict
+from lgmpc.runs.figures import figure_number, figure_of, figure_words
+from lgmpc.runs.gate import Verdict, measured
 from lgmpc.runs.metrics import Metrics, flat_metrics
 
 _SHOWN = ("survived_s", "max_tilt_deg", "max_displacement_m", "max_slip_m", "max_abs_torque_nm", "real_time_factor")
@@ -141,9 +141,27 @@ class _Result:
         reasons = "".join(f"\n  - {reason}" for reason in self.verdict.reasons)
         return f"<{self.verdict.outcome.value.upper()} {self.name}: {', '.join(texts)}>{reasons}"
 
+    if TYPE_CHECKING:  # a field of the one, a property of the other
+
+        @property
+        def figures(self) -> Mapping[str, float | None]:
+            """All figures by their names."""
+
+        @property
+        def about(self) -> str:
+            """Origin of the figures: the seed, or the solver and its ending."""
+
+    def at_limit(self, limit: str) -> float | None:
+        """Return the figure of a limit (``max_<figure>`` or ``min_<figure>``); ``None`` if it was not measured."""
+        return self.figures.get(figure_of(limit))
+
+    def limited(self, limits: Mapping[str, float]) -> list[tuple[str, float | None, float]]:
+        """Return the key, the figure and the limit of each of a gate's limits."""
+        return [(key, self.at_limit(key), limit) for key, limit in limits.items()]
+
     def shown(self) -> dict[str, float]:
         """Return the figures that the text has."""
-        raise NotImplementedError
+        return {name: value for name, value in self.figures.items() if value is not None}
 
     def to_json(self) -> str:
         """Return the text of ``run.json``."""
@@ -210,10 +228,24 @@ class RunResult(_Result):
     certificate: Certificate | None = None
     changes: tuple[SettingsChange, ...] = ()
 
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """All metrics by their names."""
+        return {} if self.metrics is None else flat_metrics(self.metrics)
+
+    @property
+    def about(self) -> str:
+        """The seed in words."""
+        return f"seed {self.seed}"
+
+    def at_limit(self, limit: str) -> float | None:
+        """Return the metric of a limit of the gate; ``None`` if it was not measured."""
+        return None if self.metrics is None else measured(self.metrics, limit)
+
     def shown(self) -> dict[str, float]:
         """Return a few metrics."""
-        values = {} if self.metrics is None else flat_metrics(self.metrics)
-        return {name: value for name in _SHOWN if (value := values.get(name)) is not None}
+        values = super().shown()
+        return {name: values[name] for name in _SHOWN if name in values}
 
     def _content(self) -> dict[str, Any]:
         content = asdict(self) | {"certificate": None if self.certificate is None else self.certificate.content()}
@@ -239,9 +271,10 @@ class SolveResult(_Result):
     explanation: str
     figures: Mapping[str, Number]
 
-    def shown(self) -> dict[str, float]:
-        """Return all figures."""
-        return dict(self.figures)
+    @property
+    def about(self) -> str:
+        """The solver and its ending in words."""
+        return f"{self.method}: {self.status.replace('_', ' ')}"
 
 
 def kind_of(text: str, source: str = RESULT_FILE) -> str:

@@ -11,10 +11,9 @@ from typing import Any
 from lgmpc.config.loading import parse_any_config
 from lgmpc.config.schema import Config, SolveConfig
 from lgmpc.errors import InputError, RunFolderError
-from lgmpc.runs import Run, SolvedRun, flat_metrics, load_run, measured
+from lgmpc.runs import Run, SolvedRun, load_run
 from lgmpc.runs.atomic import json_values
 from lgmpc.runs.difference import first_difference
-from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.settings.dotted import Difference, differing
 from lgmpc.sweeps.folder import DOCUMENT, ROWS, read_document, read_rows
@@ -159,9 +158,9 @@ def _kind(side: Run | SolvedRun | None) -> str:
 
 def _compare_runs(a: Run | SolvedRun, b: Run | SolvedRun, margin: float, wanted: Sequence[str]) -> list[Quantity]:
     config = _config(a)
-    limits = config.gate.limits if isinstance(config, Config) else config.gate.bounds
-    found = [judged(name, _at_limit(a, name), _at_limit(b, name), margin, limit) for name, limit in limits.items()]
-    first, second = _measured(a), _measured(b)
+    limits, first, second = config.gate.limits, a.result.figures, b.result.figures
+    pairs = zip(a.result.limited(limits), b.result.limited(limits), strict=True)
+    found = [judged(name, x, y, margin, limit) for (name, x, limit), (_, y, _) in pairs]
     for name in dict.fromkeys([*first, *second]):
         x, y = first.get(name), second.get(name)
         if name in wanted:
@@ -169,18 +168,6 @@ def _compare_runs(a: Run | SolvedRun, b: Run | SolvedRun, margin: float, wanted:
         elif (x, y) != (None, None) and not {f"max_{name}", f"min_{name}", name} & limits.keys():
             found.append(Quantity(name, x, y))
     return found
-
-
-def _measured(run: Run | SolvedRun) -> dict[str, float | None]:
-    if isinstance(run, SolvedRun):
-        return dict(run.result.figures)
-    return {} if run.result.metrics is None else flat_metrics(run.result.metrics)
-
-
-def _at_limit(run: Run | SolvedRun, limit: str) -> float | None:
-    if isinstance(run, SolvedRun):
-        return run.result.figures.get(figure_of(limit))
-    return None if run.result.metrics is None else measured(run.result.metrics, limit)
 
 
 def _config(run: Run | SolvedRun) -> Config | SolveConfig:

@@ -9,8 +9,7 @@ from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.page import embed_page, in_notebook, open_page, write_page
 from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.report import run_report, solve_report
-from lgmpc.viz.trajectory_plots import plot_trajectory
+from lgmpc.viz.report import run_report
 
 __all__ = [
     "Plots",
@@ -20,9 +19,7 @@ __all__ = [
     "in_notebook",
     "open_page",
     "plot_run",
-    "plot_trajectory",
     "replay_page",
     "run_report",
-    "solve_report",
     "write_page",
 ]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.runs import Run, RunLog, push_intervals
+from lgmpc.robot import Robot
+from lgmpc.runs import Run, RunLog, SolvedRun, push_intervals
 from lgmpc.runs.figures import length_unit
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import CONTACT_STATES
@@ -40,6 +41,7 @@ from lgmpc.viz.series import (
     label_pushes,
     stacked,
 )
+from lgmpc.viz.trajectory_plots import trajectory_drawings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,28 +56,31 @@ _STATE_COLORS = {"stance": X, "early": Z, "late": Y, "missing": EXTRA, "lost": L
 _TARGET: dict[str, Any] = {"color": INK, "lw": 1.0, "ls": "--"}
 
 
-def plot_run(run: Run) -> Plots:
-    """Draw the figures of a run: base, attitude, velocity, gait, feet, centre of mass, joints, forces, torques, ...
+def plot_run(robot: Robot, run: Run | SolvedRun) -> Plots:
+    """Draw the figures of a run: base, joints, forces, ...; of a closed loop gait and timing, of a solve convergence.
 
     Args:
+        robot: the robot of the run.
         run: contents of the run folder.
 
     Returns:
         The figures with data.
 
     Raises:
-        InputError: if the log has fewer than two ticks.
+        InputError: if the log has fewer than two ticks, or the trajectory contains NaN or infinity.
         MissingDependencyError: if matplotlib is not installed.
     """
-    return draw_figures(run_drawings(run), figure_title(run.result))
+    return draw_figures(run_drawings(robot, run), figure_title(run.result))
 
 
-def run_drawings(run: Run) -> dict[str, Drawing]:
+def run_drawings(robot: Robot, run: Run | SolvedRun) -> dict[str, Drawing]:
     """Return the drawings of a run by their names; each returns whether there was data.
 
     Raises:
-        InputError: if the log has fewer than two ticks.
+        InputError: as of :func:`plot_run`.
     """
+    if isinstance(run, SolvedRun):
+        return trajectory_drawings(robot, run)
     if run.log.ticks < 2:
         raise InputError("run", f"{run.path} with {run.log.ticks} ticks", "a run of at least two ticks")
     return {name: _drawing(draw, run.log) for name, draw in FIGURES.items()}

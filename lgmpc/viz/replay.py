@@ -73,7 +73,7 @@ def replay_page(robot: Robot, run: Run | SolvedRun, ground: World | None = None)
         InputError: if the run has no finite tick, the trajectory is not finite, or it is of another robot.
         MissingDependencyError: if meshcat is not installed.
     """
-    nq = run.trajectory.nq if isinstance(run, SolvedRun) else run.log.q.shape[1]
+    nq = run.log.nq if isinstance(run, SolvedRun) else run.log.q.shape[1]
     if nq != robot.nq:
         raise InputError("run", f"{run.path} with nq = {nq}", f"a run of {robot.name} (nq = {robot.nq})")
     scene, ground, result = Scene(), World() if ground is None else ground, run.result
@@ -226,7 +226,7 @@ def _legend(scene: Scene, scale: Scale, **notes: str) -> list[_Content]:
 
 def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: World) -> _Content:
     """Add a solved trajectory to the scene, and return the contents of the page's panels."""
-    log = run.trajectory
+    log = run.log
     if not log.finite:
         raise InputError("run", f"{run.path}, whose trajectory contains NaN or infinity", "a trajectory to show")
     pictures = Pictures.of(robot, log)

@@ -14,16 +14,14 @@ from importlib import resources
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.runs import Gate, Run, SolvedRun, flat_metrics, measured
+from lgmpc.runs import Run, SolvedRun
 from lgmpc.runs.certificate import Certificate
-from lgmpc.runs.figures import figure_of
 from lgmpc.runs.forensics import Explanation
 from lgmpc.runs.tables import events_table, figures_table, limits_table, margins_table
 from lgmpc.viz.figure_files import Drawing, figure_heading, svg_figures
 from lgmpc.viz.page import filled
 from lgmpc.viz.plots import run_drawings
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.trajectory_plots import trajectory_drawings
 from lgmpc.world import World
 
 
@@ -112,66 +110,51 @@ def _lines(blocks: Iterable[str]) -> str:
     return "\n".join(blocks)
 
 
-def run_report(robot: Robot, run: Run, gate: Gate, explanation: Explanation, ground: World | None = None) -> str:
-    """Return the page of a closed loop: verdict, replay, figures, events, limits, certificate, config, versions.
+def run_report(
+    robot: Robot,
+    run: Run | SolvedRun,
+    limits: Mapping[str, float],
+    explanation: Explanation,
+    ground: World | None = None,
+) -> str:
+    """Return the page of a run: verdict, replay, figures, events, limits, certificate, config, versions.
 
     Args:
         robot: robot of the run.
         run: contents of the run folder.
-        gate: limits of its verdict.
+        limits: limits of its gate by their keys.
         explanation: explanation of the run.
         ground: of the run's world; the level floor at height 0 unless given.
 
     Raises:
-        InputError: if the run has no finite tick.
-        MissingDependencyError: if matplotlib or meshcat is not installed.
-    """
-
-    def sections() -> Iterator[str]:
-        result, metrics = run.result, run.result.metrics
-        yield from _replayed(partial(replay_page, robot, run, ground))
-        if metrics is not None:
-            limited = [(key, measured(metrics, key), limit) for key, limit in gate.limits.items()]
-            yield section("Figures of merit", table(*limits_table(limited)), _all(flat_metrics(metrics)))
-        yield section("Figures", figures(run_drawings(run)))
-        events = table(*events_table(explanation.events, explanation.failed_s, explanation.failure))
-        again = f"to repeat it up to the first event, with other settings from then on: {explanation.command(run.path)}"
-        yield section("Events", words([again] if explanation.events else []), events)
-        until = "" if explanation.failed_s is None else ", until the failure"
-        yield section(f"Nearest to limits{until}", table(*margins_table(explanation.nearest)))
-        if result.certificate is not None:
-            yield _certificate(result.certificate)
-        yield from _sources(run)
-
-    about = f"{run.result.when} · {robot.name} · seed {run.result.seed}"
-    reasons = dict.fromkeys((*run.result.verdict.reasons, *explanation.summary))  # a summary may be the reason
-    return report_page(run.result.name, run.result.verdict.outcome.value, about, reasons, sections())
-
-
-def solve_report(robot: Robot, run: SolvedRun, bounds: Mapping[str, float]) -> str:
-    """Return the page of a solved trajectory: verdict, replay, figures, config, versions.
-
-    Args:
-        robot: robot of the run.
-        run: contents of the run folder.
-        bounds: bounds of its gate by their keys.
-
-    Raises:
-        InputError: if the trajectory is not finite.
+        InputError: if the run has no finite tick, or the trajectory is not finite.
         MissingDependencyError: if matplotlib or meshcat is not installed.
     """
     result = run.result
 
     def sections() -> Iterator[str]:
-        yield from _replayed(partial(replay_page, robot, run))
-        limited = [(key, result.figures.get(figure_of(key)), limit) for key, limit in bounds.items()]
-        told = words(line.strip() for line in result.explanation.splitlines() if line.strip())
-        yield section("Figures of merit", told, table(*limits_table(limited)), _all(result.figures))
-        yield section("Figures", figures(trajectory_drawings(robot, run)))
-        yield from _sources(run)
+        yield from _replayed(partial(replay_page, robot, run, ground))
+        if result.figures:
+            everything = folded("All figures", table(*figures_table(result.figures)))
+            yield section("Figures of merit", table(*limits_table(result.limited(limits))), everything)
+        yield section("Figures", figures(run_drawings(robot, run)))
+        if isinstance(run, Run):
+            events = table(*events_table(explanation.events, explanation.failed_s, explanation.failure))
+            again = (
+                f"to repeat it up to the first event, with other settings from then on: {explanation.command(run.path)}"
+            )
+            yield section("Events", words([again] if explanation.events else []), events)
+        until = "" if explanation.failed_s is None else ", until the failure"
+        yield section(f"Nearest to limits{until}", table(*margins_table(explanation.nearest)))
+        if isinstance(run, Run) and run.result.certificate is not None:
+            yield _certificate(run.result.certificate)
+        yield section("Config", folded("config.yaml, defaults included", code(run.config.rstrip())))
+        rows = [*result.versions.items(), *((key, str(value)) for key, value in asdict(result.host).items())]
+        yield section("Versions and machine", folded("Packages, processor", table(("", ""), rows)))
 
-    about = f"{result.when} · {robot.name} · {result.method}: {result.status.replace('_', ' ')}"
-    return report_page(result.name, result.verdict.outcome.value, about, result.verdict.reasons, sections())
+    about = f"{result.when} · {robot.name} · {result.about}"
+    reasons = dict.fromkeys((*result.verdict.reasons, *explanation.summary))  # a summary may be the reason
+    return report_page(result.name, result.verdict.outcome.value, about, reasons, sections())
 
 
 def _certificate(certificate: Certificate) -> str:
@@ -181,20 +164,9 @@ def _certificate(certificate: Certificate) -> str:
     return section("Certificate", words([found]), table(*checks))
 
 
-def _all(figures: Mapping[str, float | None]) -> str:
-    return folded("All figures", table(*figures_table(figures)))
-
-
 def _replayed(page: Callable[[], str]) -> Iterator[str]:
     """Yield the section of the replay; none if the run cannot be replayed."""
     try:
         yield section("Replay", replay(page()))
     except InputError:
         return
-
-
-def _sources(run: Run | SolvedRun) -> Iterator[str]:
-    yield section("Config", folded("config.yaml, defaults included", code(run.config.rstrip())))
-    result = run.result
-    rows = [*result.versions.items(), *((key, str(value)) for key, value in asdict(result.host).items())]
-    yield section("Versions and machine", folded("Packages, processor", table(("", ""), rows)))

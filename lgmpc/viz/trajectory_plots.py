@@ -12,7 +12,7 @@ from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog
 from lgmpc.runs.log import tilt_deg
 from lgmpc.typing import Array
-from lgmpc.viz.figure_files import EXTRA, INK, SOFT, Drawing, Plots, X, Y, draw_figures, figure_title, legend_above
+from lgmpc.viz.figure_files import EXTRA, INK, SOFT, Drawing, X, Y, legend_above
 from lgmpc.viz.series import JointValues, draw_forces, draw_joints, draw_xyz, stacked
 
 if TYPE_CHECKING:
@@ -23,30 +23,13 @@ _NEAR = 0.3
 """Velocities below this fraction of their limits are drawn without the limits."""
 
 
-def plot_trajectory(robot: Robot, run: SolvedRun) -> Plots:
-    """Draw the figures of a solved trajectory: base, joints, controls, contact forces, convergence.
-
-    Args:
-        robot: the robot of the run.
-        run: contents of the run folder.
-
-    Returns:
-        The figures with data.
-
-    Raises:
-        InputError: if the trajectory contains NaN or infinity.
-        MissingDependencyError: if matplotlib is not installed.
-    """
-    return draw_figures(trajectory_drawings(robot, run), figure_title(run.result))
-
-
 def trajectory_drawings(robot: Robot, run: SolvedRun) -> dict[str, Drawing]:
     """Return the drawings of a solved trajectory by their names; each returns whether there was data.
 
     Raises:
         InputError: if the trajectory contains NaN or infinity.
     """
-    log = run.trajectory
+    log = run.log
     if not log.finite:
         raise InputError("run", f"{run.path}, whose trajectory contains NaN or infinity", "a trajectory to draw")
     return {

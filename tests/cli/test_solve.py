@@ -9,7 +9,7 @@ import pytest
 from documents import ARM
 
 from lgmpc.config import load_solve_config
-from lgmpc.runs import RunFolder
+from lgmpc.runs import load_run
 
 from .conftest import STAND, Invoke, Result, Start
 
@@ -35,8 +35,8 @@ def test_a_solution_within_its_gate_exits_with_0_and_can_be_repeated(
     code, output = invoke("solve", folder / "config.yaml", "--json", "--out", tmp_path / "again")
     content = json.loads(output[output.index("{") :])
     assert (code, content["verdict"], content["kind"]) == (0, "pass", "solve")
-    first, second = RunFolder.load_solved(folder), RunFolder.load_solved(content["folder"])
-    assert first.trajectory.xs.tobytes() == second.trajectory.xs.tobytes(), "not the same bits"
+    first, second = load_run(folder), load_run(content["folder"])
+    assert first.log.xs.tobytes() == second.log.xs.tobytes(), "not the same bits"
 
 
 def test_a_solve_that_does_not_converge_exits_with_1_and_explains_itself(invoke: Invoke, arm: Path) -> None:
@@ -62,7 +62,7 @@ def test_overrides_reach_the_resolved_config(invoke: Invoke, arm: Path) -> None:
     (folder,) = (arm.parent / "runs").iterdir()
     config = load_solve_config(folder / "config.yaml")
     assert (config.solver.method, config.problem.nodes) == ("sqp", 10)
-    assert len(RunFolder.load_solved(folder).trajectory.us) == 10
+    assert len(load_run(folder).log.us) == 10
 
 
 def test_the_wrong_command_names_the_right_one(invoke: Invoke, arm: Path) -> None:
@@ -109,6 +109,6 @@ def test_ctrl_c_saves_the_iterate_and_exits_with_130(start: Start, arm: Path, tm
     assert "INTERRUPTED  arm" in output
     assert "Traceback" not in output + errors
     (folder,) = (tmp_path / "runs").iterdir()
-    run = RunFolder.load_solved(folder)
+    run = load_run(folder)
     assert run.result.verdict.outcome.value == "interrupted"
-    assert np.isfinite(run.trajectory.xs).all() and len(run.trajectory.iteration_cost) > 0
+    assert np.isfinite(run.log.xs).all() and len(run.log.iteration_cost) > 0

@@ -81,7 +81,7 @@ def test_solutions_of_ones_own_problem_are_shown_and_drawn_without_a_run(
     problem.set_initial_state(robot.x_reference)
     history = lgmpc.History()
     solution = lgmpc.Fddp(problem).solve(callback=history)
-    log = solution_as_run(robot, solution, history)[1].trajectory
+    log = solution_as_run(robot, solution, history)[1].log
     np.testing.assert_allclose(log.times, [0.0, 0.02, 0.04, 0.04, 0.06, 0.08])
     assert log.contact_flags.sum(axis=1).tolist() == [2, 2, 4, 4, 4]
     assert (np.abs(log.contact_forces).sum(axis=2) > 0.0).sum(axis=1).tolist() == [2, 2, 0, 4, 4]
@@ -130,7 +130,7 @@ def test_solutions_of_actions_of_python_are_shown_and_drawn(tmp_path: Path) -> N
         return lgmpc.Fddp(problem).solve(max_iterations=2)
 
     timed = solved(Parameter("duration", 1, "length of the interval, s", 0.05))
-    np.testing.assert_allclose(solution_as_run(robot, timed)[1].trajectory.times, 0.05 * np.arange(7))
+    np.testing.assert_allclose(solution_as_run(robot, timed)[1].log.times, 0.05 * np.arange(7))
     page = lgmpc.show_solution(robot, timed, tmp_path / "swing.html")
     assert page is not None and "swing \u00b7 lgmpc replay" in page.read_text(encoding="utf-8")
     assert {"joints", "controls"} <= set(lgmpc.plot_solution(robot, timed))

@@ -21,7 +21,7 @@ from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
 from lgmpc.config.solving import check_scenario, prepare_solve
 from lgmpc.errors import ConfigError, ConfigErrors
-from lgmpc.runs import Outcome, RunFolder, load_run
+from lgmpc.runs import Outcome, load_run
 
 ARM = """\
 name: arm
@@ -99,7 +99,7 @@ def test_bad_values_are_reported_with_their_place(override: str, expected: str) 
 
 
 def test_bounds_on_margins_and_distances_may_be_negative() -> None:
-    bounds = arm("gate={min_friction_margin_n: -0.001, max_forward_distance_m: -0.1}").gate.bounds
+    bounds = arm("gate={min_friction_margin_n: -0.001, max_forward_distance_m: -0.1}").gate.limits
     assert bounds == {"min_friction_margin_n": -0.001, "max_forward_distance_m": -0.1}
 
 
@@ -127,11 +127,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> FinishedSolve:
 
 
 def test_a_solution_is_saved_with_its_figures(finished: FinishedSolve) -> None:
-    run = RunFolder.load_solved(finished.folder.path)
+    run = load_run(finished.folder.path)
     assert run.result.verdict.outcome is Outcome.PASS
     assert run.result.status == "converged"
     assert run.result.figures == finished.outcome.figures
-    figures, log = run.result.figures, run.trajectory
+    figures, log = run.result.figures, run.log
     assert figures["iterations"] == len(log.iteration_cost)
     assert figures["cost"] == pytest.approx(log.iteration_cost[-1])
     assert figures["dynamics_gap"] < 1e-9
@@ -195,10 +195,10 @@ def test_a_signal_keeps_the_iterate_and_marks_it(
     finally:
         signal.signal(number, before)
     assert (finished.signal, finished.exit_code) == (number, 128 + number)
-    run = RunFolder.load_solved(finished.folder.path)
+    run = load_run(finished.folder.path)
     assert run.result.verdict.outcome is Outcome.INTERRUPTED
     assert run.result.verdict.reasons == ("interrupted after 2 iterations",)
-    assert len(run.trajectory.iteration_cost) == 2 and run.trajectory.finite
+    assert len(run.log.iteration_cost) == 2 and run.log.finite
 
 
 def test_the_size_of_a_trajectory_is_computed_before_the_solve() -> None:

@@ -104,12 +104,12 @@ def test_parquet_is_the_log_with_units_frames_and_config(walk: Run, tmp_path: Pa
 
 
 def test_a_solve_has_tables_of_nodes_intervals_and_iterations(reach: SolvedRun, tmp_path: Path) -> None:
-    assert reach["xs"] is reach.trajectory.xs
+    assert reach["xs"] is reach.log.xs
     nodes, intervals, iterations = (reach.to_pandas(name) for name in ("nodes", "intervals", "iterations"))
-    assert np.array_equal(nodes.filter(regex=r"^xs\.").to_numpy(), reach.trajectory.xs)
-    assert list(intervals.index) == reach.trajectory.times[:-1].tolist()
-    assert [f"us.{name}" for name in reach.trajectory.control_names] == list(intervals.filter(regex=r"^us\."))
-    assert np.array_equal(iterations["iteration_cost"], reach.trajectory.iteration_cost)
+    assert np.array_equal(nodes.filter(regex=r"^xs\.").to_numpy(), reach.log.xs)
+    assert list(intervals.index) == reach.log.times[:-1].tolist()
+    assert [f"us.{name}" for name in reach.log.control_names] == list(intervals.filter(regex=r"^us\."))
+    assert np.array_equal(iterations["iteration_cost"], reach.log.iteration_cost)
     assert reach.to_csv(tmp_path / "a.csv", "iterations").read_text(encoding="utf-8").startswith("iteration_cost,")
 
 

@@ -68,9 +68,9 @@ def folder(tmp_path: Path, result: SolveResult) -> RunFolder:
 
 
 def test_a_written_folder_is_read_back(folder: RunFolder, result: SolveResult) -> None:
-    run = RunFolder.load_solved(folder.path)
+    run = load_run(folder.path)
     for name, array in trajectory().arrays().items():
-        np.testing.assert_array_equal(getattr(run.trajectory, name), array, err_msg=name)
+        np.testing.assert_array_equal(getattr(run.log, name), array, err_msg=name)
     assert run.config == "name: arm\n"
     assert replace(run.result, figures={}) == replace(result, figures={})
     assert run.result.figures["cost"] == 1.5 and math.isnan(run.result.figures["effort_ratio"])
@@ -95,14 +95,14 @@ def test_each_kind_is_distinguished_from_the_other(folder: RunFolder, result: So
 def test_an_incomplete_folder_is_reported(folder: RunFolder) -> None:
     (folder.path / "trajectory.npz").unlink()
     with pytest.raises(RunFolderError, match=r"no complete run folder|not a complete run folder"):
-        RunFolder.load_solved(folder.path)
+        load_run(folder.path)
 
 
 def test_a_truncated_trajectory_is_damaged(folder: RunFolder) -> None:
     path = folder.path / "trajectory.npz"
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(RunFolderError, match=r"trajectory\.npz is damaged"):
-        RunFolder.load_solved(folder.path)
+        load_run(folder.path)
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,7 @@ def stepping_log(pushed_log: RunLog) -> RunLog:
 def report_file(solo12: Robot, pushed_run: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of the pushed run, as one page."""
     gate = Gate(max_tilt_deg=20.0)
-    page = run_report(solo12, pushed_run, gate, explain_run(pushed_run, gate))
+    page = run_report(solo12, pushed_run, gate.limits, explain_run(pushed_run, gate))
     return write_page(page, tmp_path_factory.mktemp("report") / "report.html")
 
 

@@ -31,9 +31,9 @@ def only(monkeypatch, *names: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def drawn(pushed_run):
+def drawn(solo12, pushed_run):
     """The figures of the pushed run."""
-    return plot_run(pushed_run)
+    return plot_run(solo12, pushed_run)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_limits_are_in_the_warning_colour(figures) -> None:
     assert count(pixels(figures["forces"]), ORANGE) > 200
 
 
-def test_figures_without_data_are_left_out(pushed_run, monkeypatch) -> None:
+def test_figures_without_data_are_left_out(solo12, pushed_run, monkeypatch) -> None:
     only(monkeypatch, "forces", "timing")
     empty = np.zeros(0)
     log = replace(
@@ -111,31 +111,31 @@ def test_figures_without_data_are_left_out(pushed_run, monkeypatch) -> None:
     contacts["contact_clearance"] = np.zeros((log.ticks, 0))
     bare = replace(log, contact_frames=np.zeros(0, dtype=np.str_), mpc_forces=np.zeros((0, 0, 3)), **contacts)
     # The whole-body ticks were timed; there was no MPC and there are no contacts.
-    assert list(plot_run(replace(pushed_run, log=bare))) == ["timing"]
+    assert list(plot_run(solo12, replace(pushed_run, log=bare))) == ["timing"]
 
 
-def test_a_run_that_blew_up_is_drawn(pushed_run, tmp_path) -> None:
+def test_a_run_that_blew_up_is_drawn(solo12, pushed_run, tmp_path) -> None:
     log = pushed_run.log
     arrays = {name: getattr(log, name).copy() for name in ("q", "v", "com", "tau", "contact_forces")}
     for array in arrays.values():
         array[300:] = np.nan
-    plots = plot_run(replace(pushed_run, log=replace(log, **arrays)))
+    plots = plot_run(solo12, replace(pushed_run, log=replace(log, **arrays)))
     assert len(plots) == 7
     assert Plots({"com": plots["com"]}, "").save(tmp_path)[0].stat().st_size > 0
 
 
-def test_joints_without_a_pattern_share_one_picture(pushed_run, tmp_path, monkeypatch) -> None:
+def test_joints_without_a_pattern_share_one_picture(solo12, pushed_run, tmp_path, monkeypatch) -> None:
     only(monkeypatch, "torques")
     names = np.array([f"motor{k}" for k in range(12)])
-    (path,) = plot_run(replace(pushed_run, log=replace(pushed_run.log, joint_names=names))).save(tmp_path)
+    (path,) = plot_run(solo12, replace(pushed_run, log=replace(pushed_run.log, joint_names=names))).save(tmp_path)
     assert count(pixels(path), ORANGE) > 200
 
 
 @pytest.mark.parametrize(("names", "rows"), [("leg{0}_hip leg{0}_knee", 2), ("hip{0} knee{0}", 1)])
-def test_joints_of_six_legs_are_told_apart(pushed_run, monkeypatch, names, rows) -> None:
+def test_joints_of_six_legs_are_told_apart(solo12, pushed_run, monkeypatch, names, rows) -> None:
     only(monkeypatch, "joints", "torques")
     joints = np.array([name for leg in range(6) for name in names.format(leg).split()])
-    figures = plot_run(replace(pushed_run, log=replace(pushed_run.log, joint_names=joints)))
+    figures = plot_run(solo12, replace(pushed_run, log=replace(pushed_run.log, joint_names=joints)))
     for name, columns in (("joints", 2), ("torques", 1)):
         figure = figures[name]
         assert len(figure.axes) == rows * columns
@@ -147,38 +147,38 @@ def test_joints_of_six_legs_are_told_apart(pushed_run, monkeypatch, names, rows)
         assert not any(legend.get_window_extent().overlaps(axes.get_window_extent()) for axes in figure.axes)
 
 
-def test_errors_of_drawing_and_writing_are_reported(pushed_run, tmp_path, monkeypatch) -> None:
+def test_errors_of_drawing_and_writing_are_reported(solo12, pushed_run, tmp_path, monkeypatch) -> None:
     only(monkeypatch, "forces")
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(RunFolderError, match="cannot create .*file"):
-        plot_run(pushed_run).save(file)
+        plot_run(solo12, pushed_run).save(file)
     empty = Recorder(
         nq=7, nv=6, effort_limit=[], contact_frames=(), friction=1.0, contact_radius=0.0, control_period_s=1.0, ticks=0
     ).log()
     with pytest.raises(InputError, match="0 ticks"):
-        plot_run(replace(pushed_run, log=empty))
+        plot_run(solo12, replace(pushed_run, log=empty))
 
 
-def test_the_error_of_an_estimate_is_drawn_where_there_is_one(pushed_run, tmp_path, monkeypatch) -> None:
+def test_the_error_of_an_estimate_is_drawn_where_there_is_one(solo12, pushed_run, tmp_path, monkeypatch) -> None:
     only(monkeypatch, "estimate")
-    assert plot_run(pushed_run) == {}
+    assert plot_run(solo12, pushed_run) == {}
     log = pushed_run.log
     estimate = {"estimate_q": log.q + 1e-3, "estimate_v": log.v + 1e-2}
     contacts, spent = np.ones((log.ticks, 4), np.int8), np.full(log.ticks, 0.05)
     estimated = replace(log, **estimate, estimate_contacts=contacts, estimate_ms=spent)
-    (path,) = plot_run(replace(pushed_run, log=estimated)).save(tmp_path)
+    (path,) = plot_run(solo12, replace(pushed_run, log=estimated)).save(tmp_path)
     assert path.stem == "estimate"
     assert 0.01 < np.mean(pixels(path).min(axis=2) < 250) < 0.6
 
 
-def test_limits_that_changed_are_drawn_as_they_were(pushed_run, monkeypatch) -> None:
+def test_limits_that_changed_are_drawn_as_they_were(solo12, pushed_run, monkeypatch) -> None:
     only(monkeypatch, "forces", "torques")
     log, end = pushed_run.log, pushed_run.log.ticks // 2
     friction = np.where(np.arange(log.ticks) < end, 0.6, 0.3)
     effort = np.where(np.arange(log.ticks)[:, None] < end, 1.8, 1.2) * np.ones_like(log.tau)
     changed = replace(log, friction=0.3, effort_limit=effort[-1].copy(), floor_friction=friction, torque_limits=effort)
-    plots = plot_run(replace(pushed_run, log=changed))
+    plots = plot_run(solo12, replace(pushed_run, log=changed))
     (cone,) = (line for line in plots["forces"].axes[1].lines if "normal force" in line.get_label())
     np.testing.assert_array_equal(cone.get_ydata(), friction * np.maximum(log.contact_forces[:, 0, 2], 0.0))
     assert cone.get_label() == "0.6, then 0.3 × normal force"

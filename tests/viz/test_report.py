@@ -103,7 +103,7 @@ def test_a_reason_is_told_once(solo12: Robot, pushed_run: Run, monkeypatch: pyte
     monkeypatch.setattr(plots, "FIGURES", {})
     verdict = Verdict(Outcome.FAIL, ("a joint was at its torque limit too often",))
     run = replace(pushed_run, result=replace(pushed_run.result, verdict=verdict))
-    page = run_report(solo12, run, Gate(), explain_run(run, Gate()))
+    page = run_report(solo12, run, Gate().limits, explain_run(run, Gate()))
     head = page[page.index("<header>") : page.index("</header>")]
     assert head.count("a joint was at its torque limit too often") == 1
 

@@ -19,8 +19,8 @@ from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.runs import Outcome, SolvedRun, SolveResult, TrajectoryLog, Verdict
 from lgmpc.viz.figure_files import Plots
 from lgmpc.viz.overlay import Pictures
+from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
-from lgmpc.viz.trajectory_plots import plot_trajectory
 
 from .test_replay import content_of
 from .test_scene import tracks
@@ -126,7 +126,7 @@ def arm_page(panda: Robot, reach: SolvedRun) -> str:
 
 
 def test_pictures_are_interpolated_on_the_manifold(iris: Robot, flight: SolvedRun) -> None:
-    pictures = Pictures.of(iris, flight.trajectory, rate_hz=20.0)
+    pictures = Pictures.of(iris, flight.log, rate_hz=20.0)
     np.testing.assert_allclose(np.linalg.norm(pictures.q[:, 3:7], axis=1), 1.0, atol=1e-12)
     # A constant rate of turning stays one, across half a turn too.
     steps = [pin.difference(iris.model, a, b)[3:] for a, b in zip(pictures.q, pictures.q[1:], strict=False)]
@@ -134,7 +134,7 @@ def test_pictures_are_interpolated_on_the_manifold(iris: Robot, flight: SolvedRu
 
 
 def test_pictures_pass_the_nodes_and_behind_an_impact_comes_the_next_interval(solo12: Robot, hop: SolvedRun) -> None:
-    pictures = Pictures.of(solo12, hop.trajectory, rate_hz=20.0)
+    pictures = Pictures.of(solo12, hop.log, rate_hz=20.0)
     np.testing.assert_allclose(pictures.times, [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3])
     assert pictures.intervals.tolist() == [0, 0, 1, 1, 3, 3, 3]
     np.testing.assert_allclose(pictures.q[[2, 3, 4], 2] - solo12.q_reference[2], [0.0, 0.025, 0.05], atol=1e-12)
@@ -175,7 +175,7 @@ def test_a_quadrotors_page_has_thrusts_and_shows_it_above_the_floor(iris: Robot,
     assert [f"/overlay/thrusts/iris__rotor_{i}/shaft" for i in range(4)] == [p for p in paths if p.endswith("shaft")]
     assert [curve["label"] for curve in content["series"]["curves"]] == ["effort", "tilt"]
     assert max(content["series"]["curves"][1]["values"]) == pytest.approx(180.0, abs=6.0)
-    low = replace(flight, trajectory=replace(flight.trajectory, xs=flight.trajectory.xs - 4.0 * np.eye(13)[2]))
+    low = replace(flight, log=replace(flight.log, xs=flight.log.xs - 4.0 * np.eye(13)[2]))
     lifted = content_of(replay_page(iris, low))
     (lift,) = [c["value"][2] for c in lifted["commands"] if c.get("path") == "/robot" and c["property"] == "position"]
     assert lift > 3.5, "below the floor nothing could be seen"
@@ -184,10 +184,10 @@ def test_a_quadrotors_page_has_thrusts_and_shows_it_above_the_floor(iris: Robot,
 def test_what_cannot_be_shown_is_refused(panda: Robot, solo12: Robot, reach: SolvedRun) -> None:
     with pytest.raises(InputError, match=r"nq = 9; expected a run of solo12 \(nq = 19\)"):
         replay_page(solo12, reach)
-    xs = reach.trajectory.xs.copy()
+    xs = reach.log.xs.copy()
     xs[2, 0] = np.nan
-    broken = replace(reach, trajectory=replace(reach.trajectory, xs=xs))
-    for show in (replay_page, plot_trajectory):
+    broken = replace(reach, log=replace(reach.log, xs=xs))
+    for show in (replay_page, plot_run):
         with pytest.raises(InputError, match="NaN or infinity"):
             show(panda, broken)
 
@@ -201,7 +201,7 @@ def test_the_figures_that_there_are_data_for_are_drawn(
         "fly": (iris, flight, ["base", "controls", "convergence"], ["controls", "convergence"]),
     }
     for name, (robot, run, figures, looked_at) in expected.items():
-        plots = plot_trajectory(robot, run)
+        plots = plot_run(robot, run)
         assert list(plots) == figures
         for path in Plots({each: plots[each] for each in looked_at}, name).save(tmp_path / name):
             image = imread(path)[..., :3]

@@ -44,10 +44,12 @@ def overlay(stepping_log):
     return add
 
 
-def test_a_walking_run_has_its_figures_and_a_standing_one_has_not(pushed_run, stepping_log, monkeypatch) -> None:
+def test_a_walking_run_has_its_figures_and_a_standing_one_has_not(
+    solo12, pushed_run, stepping_log, monkeypatch
+) -> None:
     only(monkeypatch, *NAMES)
-    assert plot_run(pushed_run) == {}
-    assert list(plot_run(replace(pushed_run, log=stepping_log))) == NAMES
+    assert plot_run(solo12, pushed_run) == {}
+    assert list(plot_run(solo12, replace(pushed_run, log=stepping_log))) == NAMES
 
 
 def test_velocity_is_drawn_against_the_command(draw, stepping_log) -> None:

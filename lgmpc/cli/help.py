@@ -53,7 +53,7 @@ solve
 lgmpc solve solo12_trot
 lgmpc solve solo12_trot --set problem.cycles=5 "problem.velocity_m_s=[0.2, 0.1]"
 lgmpc solve panda_reach --set solver.method=ipopt gate.max_effort_ratio=0.9
-lgmpc solve solo12_com_circle_full_body --json | jq .figures
+lgmpc solve solo12_jump --json | jq .figures
 lgmpc solve runs/<time>-<name>/config.yaml    repeat it
 
 sweep

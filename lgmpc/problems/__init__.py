@@ -24,7 +24,6 @@ from pydantic import Field
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitPhase
-from lgmpc.problems.com_circle import ComCircleSettings, ComCircleWeights, build_com_circle
 from lgmpc.problems.flight import (
     FlightSettings,
     FlightWaypoint,
@@ -51,8 +50,6 @@ __all__ = [
     "BaseLeap",
     "BaseMotion",
     "BasePath",
-    "ComCircleSettings",
-    "ComCircleWeights",
     "Controls",
     "FlightSettings",
     "FlightWaypoint",
@@ -75,7 +72,6 @@ __all__ = [
     "StandingReachSettings",
     "StandingReachWeights",
     "Waypoint",
-    "build_com_circle",
     "build_flight",
     "build_free_jump",
     "build_gait",
@@ -89,7 +85,6 @@ __all__ = [
 
 def _builders() -> Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenario]]:
     return {
-        ComCircleSettings: build_com_circle,
         FlightSettings: build_flight,
         FreeJumpSettings: build_free_jump,
         GaitSettings: build_gait,

@@ -690,7 +690,6 @@ PHASES = ["problem.pattern=null", "problem.phases=[{duration_s: 0.2, air: [FL_FO
         ("solo12_jump", (), ("problem.",)),
         ("solo12_jump_free_time", (), ("problem.",)),
         ("solo12_righting", ["problem.nodes=10", "problem.node_s=0.03", "problem.strokes.ramp_s=0.06"], ("problem.",)),
-        ("solo12_com_circle_full_body", (), ("problem.",)),
         ("talos_reach", (), ("problem.",)),
         ("panda_reach", (), ("problem.",)),
         ("panda_reach", [f"problem.clearances=[{json.dumps(BALL)}]"], ("problem.clearances.",)),

@@ -18,13 +18,14 @@ from lgmpc.control.modes import Mode
 from lgmpc.control.report import TickReport
 from lgmpc.errors import LgmpcError, cause_of
 from lgmpc.estimation import LeggedEstimator, MeasurementMonitor
+from lgmpc.lie import quaternion
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.ground import ground_below, leg_length
-from lgmpc.runs.log import CONTACT_STATES, MODES, tilt_deg
+from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.disturbances import PushSchedule
@@ -359,8 +360,10 @@ class RunObserver:
         elapsed = perf_counter() - self._started
         self._from = time if math.isnan(self._from) else self._from
         base = q[None, :7]
-        below, normal = ground_below(self._world, base[:, :3], leg_length(base[:, :3], contact_points[None]))
-        tilt = float(tilt_deg(base[:, 3:], self._upright, normal)[0])
+        leg = 0.0 if self._world.planar else leg_length(base[:, :3], contact_points[None])
+        below, normal = ground_below(self._world, base[:, :3], leg)
+        apart = quaternion.act.unchecked(q[3:7], self._upright) - normal[0]
+        tilt = 2.0 * math.degrees(math.asin(min(0.5 * math.hypot(*apart.tolist()), 1.0)))
         height = (q[2] - below[0]) * normal[0, 2]
         if self.fell_s == math.inf and mode not in _LOW and (height < self._lowest or tilt > FALL_TILT_DEG):
             self.fell_s = time

@@ -14,12 +14,13 @@ from typing import Annotated, Literal, Protocol
 import numpy as np
 from pydantic import Field
 
+from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, instance
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
-from lgmpc.estimation.legs import ContactDetector, LegSensing
+from lgmpc.estimation.legs import ContactDetector, LegSensing, normalised_square
 from lgmpc.estimation.plausibility import MOST_FAULTS, MeasurementMonitor
 from lgmpc.lie import checks, quaternion, so3
 from lgmpc.robot import Robot
@@ -312,7 +313,12 @@ class LeggedEstimator:
         self._moved = np.full(robot.nc, -math.inf)  # when each foot was last found to move, s
         self._gate, self._rest = chi_square_bound(settings.outlier_probability), settings.rest_s
         self._resting = settings.resting_speed_m_s**2 * np.eye(3)
-        self._speed_variance = settings.joint_velocity_noise_rad_s**2
+        self._base_covariance, self._squares = np.zeros((3, 3)), np.zeros((robot.nc, 1))
+        self._normalise = StageKernel.of(normalised_square).bind(
+            robot.nc, velocity=self.legs.velocities, spread=self.legs.spreads.reshape(-1, 9),
+            base=self._base_covariance.reshape(-1), variance=np.array([settings.joint_velocity_noise_rad_s**2]),
+            square=self._squares,
+        )  # fmt: skip
         self.settings, self._period = settings, duration_of("period", period)
         self._up = -robot.gravity / np.linalg.norm(robot.gravity)
         self._external = _External(self.ekf, settings, period, self.monitor)
@@ -340,8 +346,7 @@ class LeggedEstimator:
         """Process a reading and return the state at its time, in new arrays."""
         started = perf_counter()
         m = measurement if self.monitor is None else self.monitor.check(measurement)
-        total = m.gyro.sum() + m.accelerometer.sum() + m.joints.sum() + m.speeds.sum() + m.torques.sum()
-        if math.isfinite(total):
+        if math.isfinite(sum(map(np.add.reduce, (m.gyro, m.accelerometer, m.joints, m.speeds, m.torques)))):
             self._advance(m)
         else:
             if self.failures == 0:
@@ -365,17 +370,17 @@ class LeggedEstimator:
             normal_forces = self._loads
         self.contacts = self._feet.spread(self._detector.update(normal_forces))
         resting = self.contacts & self._slow() & (reading.time - self._moved >= self._rest)
-        for foot in np.flatnonzero(ekf.touching & ~resting).tolist():
+        for foot in (ekf.touching & ~resting).nonzero()[0].tolist():
             ekf.end_contact(foot)
         new = resting & ~ekf.touching
         ekf.correct(legs.positions, legs.covariances)
         self._moved[ekf.rejected] = reading.time
-        for foot in np.flatnonzero(ekf.rejected).tolist():
+        for foot in ekf.rejected.nonzero()[0].tolist():
             ekf.end_contact(foot)
-        for foot in np.flatnonzero(new).tolist():
+        for foot in new.nonzero()[0].tolist():
             ekf.begin_contact(foot, legs.positions[foot], legs.covariances[foot])
         if self.settings.floor_noise_m is not None and new.any():
-            self._touch_floor(np.flatnonzero(new), self.settings.floor_noise_m)
+            self._touch_floor(new.nonzero()[0], self.settings.floor_noise_m)
         if self._external.update(reading):
             _LOG.info("world axes and origin are those of the external source from %.3f s on", reading.time)
             self._floor = math.nan
@@ -408,11 +413,10 @@ class LeggedEstimator:
 
     def _slow(self) -> BoolArray:
         """Return (nc,) which contact points may be at rest: the chi-square test of their velocities about zero."""
-        velocities = self.legs.velocities
         # Of the right-invariant error this is the velocity's covariance without the attitude's, which is small.
-        covariances = self._speed_variance * self.legs.spreads + (self.ekf.covariance[3:6, 3:6] + self._resting)
-        normalised = np.linalg.solve(covariances, velocities[:, :, None])[:, :, 0]
-        slow: BoolArray = np.einsum("ij,ij->i", velocities, normalised) <= self._gate
+        np.add(self.ekf.covariance[3:6, 3:6], self._resting, out=self._base_covariance)
+        self._normalise()
+        slow: BoolArray = self._squares[:, 0] <= self._gate
         return slow
 
     def _level(self, accelerometer: Array) -> None:

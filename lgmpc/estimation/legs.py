@@ -184,6 +184,15 @@ def _least_forces(jacobian: ca.SX, torques: ca.SX, leg: list[int]) -> ca.SX:
     return j @ ca.solve(j.T @ j + _DAMPING * ca.SX.eye(len(leg)), torques[leg])
 
 
+def normalised_square() -> ca.Function:
+    """Return the square of a contact point's velocity, normalised by its covariance: the joints' and the base's."""
+    velocity, spread, base, variance = (ca.SX.sym(name, n) for name, n in zip("vsbr", (3, 9, 9, 1), strict=True))
+    covariance = variance * ca.reshape(spread, 3, 3) + ca.reshape(base, 3, 3)
+    square = ca.dot(velocity, _solve(covariance, velocity))
+    names = ["velocity", "spread", "base", "variance"]
+    return ca.Function("normalised_square", [velocity, spread, base, variance], [square], names, ["square"])
+
+
 def _solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     """Return the solution of three linear equations by Cramer's rule."""
     a, b, c = (matrix[:, i] for i in range(3))

@@ -267,7 +267,10 @@ def _ending(walk: _Walk) -> dict[str, Any]:
     rest = int(moving[-1]) + 1 if len(moving) else ticks if walk.commanded else 0
     if rest >= ticks:
         return {"ends_standing": None, "stop_strides": None, "final_foot_error_m": None}
-    slow = np.linalg.norm(walk.velocity[rest:, :2], axis=1) < STANDING_M_S
+    log, velocity = walk.log, walk.velocity[rest:, :2]
+    if np.isfinite(log.mass_kg):  # an estimated position, differentiated, has the noise of the joints' encoders
+        velocity = log.momentum[rest:, :2] / log.mass_kg
+    slow = np.linalg.norm(velocity, axis=1) < STANDING_M_S
     stepping = np.flatnonzero(~(slow & walk.stance[rest:].all(axis=1)))
     stands = rest + int(stepping[-1]) + 1 if len(stepping) else rest
     if stands >= ticks:

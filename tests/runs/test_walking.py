@@ -207,6 +207,9 @@ def test_drift_is_the_estimates_error_over_the_way(walk) -> None:
 def test_stopping_is_counted_in_cycles_from_the_commands_end(walk) -> None:
     def coast(arrays):
         sway(arrays, np.where((TIME >= 3.0) & (TIME < 3.3), 0.05, 0.0))
+        arrays["momentum"][:, :2] = MASS * np.gradient(arrays["com"][:, :2], DT, axis=0)
+        noise = np.random.default_rng(0).normal(scale=1e-4, size=(len(TIME), 2))  # 2 cm/s if it is differentiated
+        arrays["com"][:, :2] += noise  # of an estimate
 
     assert walk(coast).stop_strides == pytest.approx(0.3 / PERIOD, abs=0.05)
 

@@ -144,11 +144,11 @@ def use(path: Path) -> None:
         flat_metrics(run.result.metrics)
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [150, pytest.param(800, marks=pytest.mark.slow)])
 def test_a_damaged_closed_loop_is_read_or_refused(closed_loop: Path, count: int) -> None:
     fuzz(closed_loop, use, count)
 
 
-@pytest.mark.parametrize("count", [150, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [150, pytest.param(800, marks=pytest.mark.slow)])
 def test_a_damaged_solve_is_read_or_refused(solved: Path, count: int) -> None:
     fuzz(solved, use, count)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from public_names import public_names
 from pydantic.fields import FieldInfo
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
@@ -91,7 +92,7 @@ def home_of(name: str, value: object, listed_in: str) -> str:
     if isinstance(value, types.ModuleType):
         return value.__name__.rpartition(".")[0]
     module = getattr(value, "__module__", "") or ""
-    packages = [package for package in PACKAGES if name in importlib.import_module(package).__all__]
+    packages = [package for package in PACKAGES if name in public_names(package)]
     around = [package for package in packages if module == package or module.startswith(f"{package}.")]
     if isinstance(value, type | types.FunctionType) and around:
         return max(around, key=len)
@@ -133,7 +134,7 @@ def package_page(package: str, guide: str) -> str:
     text += f".. currentmodule:: {package}\n\n"
     if guide:
         text += f"Guide: :doc:`{guide}`.\n\n"
-    own = [name for name in module.__all__ if home_of(name, getattr(module, name), package) == package]
+    own = [name for name in public_names(package) if home_of(name, getattr(module, name), package) == package]
     text += ".. list-table::\n   :widths: 30 70\n\n" if own else ""
     text += (
         "".join(f"   * - :obj:`{name} <{package}.{name}>`\n     - {summary_of(package, name)}\n" for name in own) + "\n"
@@ -148,7 +149,7 @@ def package_page(package: str, guide: str) -> str:
             text += f".. autofunction:: {name}\n\n"
         else:
             text += f".. data:: {name}\n\n   {summary_of(package, name)}\n\n"
-    others = [name for name in module.__all__ if name not in own]
+    others = [name for name in public_names(package) if name not in own]
     if others:
         links = (f":obj:`{name} <{home_of(name, getattr(module, name), package)}.{name}>`" for name in others)
         text += f"Also exported here: {', '.join(links)}.\n"

@@ -27,7 +27,6 @@ from lgmpc.errors import CompileError, InputError
 if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
-__all__ = ["Check", "iterate_checks"]
 
 _OLDEST_PYTHON = (3, 10)
 _REINSTALL = "pip install --force-reinstall lgmpc"

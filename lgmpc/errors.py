@@ -15,26 +15,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = [
-    "CompileError",
-    "ConfigError",
-    "ConfigErrors",
-    "InputError",
-    "Interrupted",
-    "LgmpcError",
-    "MissingDependencyError",
-    "ModelError",
-    "RunFolderError",
-    "SolverError",
-    "as_one_error",
-    "cause_of",
-    "legible",
-    "nearest",
-    "required",
-    "shortened",
-]
-
-
 MOST_CHOICES = 12
 """Number of valid choices that a message lists; the attribute ``choices`` has all."""
 

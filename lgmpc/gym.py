@@ -39,7 +39,6 @@ try:
 except ImportError as error:
     raise MissingDependencyError("gymnasium", "lgmpc.gym", 'pip install "lgmpc[gym]"') from error
 
-__all__ = ["ACTIONS", "LocomotionEnv"]
 
 ActionKind = Literal["command", "footholds", "torque", "gait"]
 

@@ -12,8 +12,6 @@ import sys
 import types
 from typing import Any
 
-__all__ = ["proxqp"]
-
 
 def _load() -> Any:
     """Import proxsuite with the detection of vector instructions disabled."""

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from lgmpc.errors import ConfigError
 
-__all__ = ["ShippedConfig", "config_file", "shipped_config", "shipped_configs", "shipped_sweeps", "sweep_file"]
-
 _PACKAGE = Path(__file__).resolve().parent
 _SCHEMA_LINE = re.compile(r"^# yaml-language-server: \$schema=schema\.json$", re.MULTILINE)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import Enum
 
-__all__ = ["Status"]
-
 
 class Status(Enum):
     """The outcome of a solve of any kind: a trajectory, a step of the real-time iteration, a quadratic programme.

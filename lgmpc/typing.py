@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from lgmpc.errors import InputError
 
-__all__ = ["GRAVITY", "Array", "BoolArray", "IntArray", "identifier", "instance", "numbers"]
-
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]

@@ -1,56 +1,41 @@
 """Actions: models of one interval of an optimal control problem, as CasADi expressions."""
 
-from lgmpc.actions.base import Action, Stage, StageValue
-from lgmpc.actions.centroidal import CentroidalAction
-from lgmpc.actions.contacts import Contact
+from lgmpc.actions.base import Action as Action, Stage as Stage, StageValue as StageValue
+from lgmpc.actions.centroidal import CentroidalAction as CentroidalAction
+from lgmpc.actions.contacts import Contact as Contact
 from lgmpc.actions.dynamics import (
-    ContactForwardDynamics,
-    Dynamics,
-    ExternalWrench,
-    FreeForwardDynamics,
-    Load,
-    Motion,
+    ContactForwardDynamics as ContactForwardDynamics,
+    Dynamics as Dynamics,
+    ExternalWrench as ExternalWrench,
+    FreeForwardDynamics as FreeForwardDynamics,
+    Load as Load,
+    Motion as Motion,
 )
-from lgmpc.actions.free_duration import ChooseStretch, Stretched
-from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.integrators import Integrator, RungeKutta4, SemiImplicitEuler, Variational
-from lgmpc.actions.multibody import HoldAction, ImpulseAction, MultibodyAction, thrusters
-from lgmpc.actions.penalized import PenalizedAction, penalize
-from lgmpc.actions.python_action import Limits, PythonAction, StageDerivatives
-from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout
-
-__all__ = [
-    "Action",
-    "Bounded",
-    "CentroidalAction",
-    "ChooseStretch",
-    "Contact",
-    "ContactForwardDynamics",
-    "Cost",
-    "CostTerm",
-    "Dynamics",
-    "ExternalWrench",
-    "FreeForwardDynamics",
-    "HoldAction",
-    "ImpulseAction",
-    "Integrator",
-    "LeastSquares",
-    "Limits",
-    "Load",
-    "Motion",
-    "MultibodyAction",
-    "Parameter",
-    "ParameterLayout",
-    "PenalizedAction",
-    "PythonAction",
-    "RungeKutta4",
-    "SemiImplicitEuler",
-    "Stage",
-    "StageDerivatives",
-    "StageValue",
-    "Stretched",
-    "Unknowns",
-    "Variational",
-    "penalize",
-    "thrusters",
-]
+from lgmpc.actions.free_duration import ChooseStretch as ChooseStretch, Stretched as Stretched
+from lgmpc.actions.implicit import Unknowns as Unknowns
+from lgmpc.actions.integrators import (
+    Integrator as Integrator,
+    RungeKutta4 as RungeKutta4,
+    SemiImplicitEuler as SemiImplicitEuler,
+    Variational as Variational,
+)
+from lgmpc.actions.multibody import (
+    HoldAction as HoldAction,
+    ImpulseAction as ImpulseAction,
+    MultibodyAction as MultibodyAction,
+    thrusters as thrusters,
+)
+from lgmpc.actions.penalized import PenalizedAction as PenalizedAction, penalize as penalize
+from lgmpc.actions.python_action import (
+    Limits as Limits,
+    PythonAction as PythonAction,
+    StageDerivatives as StageDerivatives,
+)
+from lgmpc.costs import (
+    Bounded as Bounded,
+    Cost as Cost,
+    CostTerm as CostTerm,
+    LeastSquares as LeastSquares,
+    Parameter as Parameter,
+    ParameterLayout as ParameterLayout,
+)

@@ -26,8 +26,7 @@ from lgmpc.cli.options import (
     complete_run,
     option,
 )
-from lgmpc.cli.screen import err, guarded, show_page
-from lgmpc.cli.screen import out as stdout
+from lgmpc.cli.screen import err, guarded, out as stdout, show_page
 
 if TYPE_CHECKING:
     from lgmpc.config import Config
@@ -243,8 +242,7 @@ def play(
 
     The page is one self-contained file, which any browser opens, on any machine.
     """
-    from lgmpc.config.showing import export as write
-    from lgmpc.config.showing import show
+    from lgmpc.config.showing import export as write, show
     from lgmpc.errors import InputError
     from lgmpc.runs import find_run
 

@@ -14,34 +14,20 @@ Environment:
   doubles as the processor's vectors hold).
 """
 
-from lgmpc.compile.cache import CacheReport, cache_folder, inspect_cache
-from lgmpc.compile.compiler import Compiler, find_compiler, jit_enabled
-from lgmpc.compile.index import cached, made_anew
-from lgmpc.compile.kernel import BatchKernel, StageKernel, densify_function
-from lgmpc.compile.native import aligned_zeros, compile_source, frame_of, reporting, sequence_of
-from lgmpc.compile.pipeline import Entries, Pipeline, PipelineStep
-from lgmpc.compile.simd import EXACT, SQUARES
-
-__all__ = [
-    "EXACT",
-    "SQUARES",
-    "BatchKernel",
-    "CacheReport",
-    "Compiler",
-    "Entries",
-    "Pipeline",
-    "PipelineStep",
-    "StageKernel",
-    "aligned_zeros",
-    "cache_folder",
-    "compile_source",
-    "densify_function",
-    "find_compiler",
-    "frame_of",
-    "inspect_cache",
-    "jit_enabled",
-    "cached",
-    "made_anew",
-    "reporting",
-    "sequence_of",
-]
+from lgmpc.compile.cache import CacheReport as CacheReport, cache_folder as cache_folder, inspect_cache as inspect_cache
+from lgmpc.compile.compiler import Compiler as Compiler, find_compiler as find_compiler, jit_enabled as jit_enabled
+from lgmpc.compile.index import cached as cached, made_anew as made_anew
+from lgmpc.compile.kernel import (
+    BatchKernel as BatchKernel,
+    StageKernel as StageKernel,
+    densify_function as densify_function,
+)
+from lgmpc.compile.native import (
+    aligned_zeros as aligned_zeros,
+    compile_source as compile_source,
+    frame_of as frame_of,
+    reporting as reporting,
+    sequence_of as sequence_of,
+)
+from lgmpc.compile.pipeline import Entries as Entries, Pipeline as Pipeline, PipelineStep as PipelineStep
+from lgmpc.compile.simd import EXACT as EXACT, SQUARES as SQUARES

@@ -41,7 +41,6 @@ from lgmpc.simulation.plant import PlantSample, make_plant
 from lgmpc.world import make_world
 
 _LOG = logging.getLogger(__name__)
-__all__ = ["UNMEASURED", "DeploymentSession", "deploy_config", "not_measured", "serve_config"]
 
 
 def deploy_config(

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from lgmpc.solvers import Solution
     from lgmpc.viz import Plots
 
-__all__ = ["FinishedRun", "FinishedSolve", "run_config", "run_session", "save_run", "solve_config"]
-
 
 @contextmanager
 def _new_folder(config: Config | SolveConfig, out: str | Path, stop: StopSignals) -> Iterator[RunFolder]:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from types import FrameType
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from lgmpc import solvers
 from lgmpc.errors import Interrupted
-from lgmpc.solvers import Progress as Iteration
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,20 +18,6 @@ if TYPE_CHECKING:
     from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
     from lgmpc.runs.certificate import Certificate
     from lgmpc.solvers import Solution
-
-__all__ = [
-    "Iteration",
-    "IterationReport",
-    "Notify",
-    "Progress",
-    "ProgressReport",
-    "Session",
-    "SessionResult",
-    "SolveOutcome",
-    "StopSignals",
-    "ignore",
-    "stop_signals",
-]
 
 
 @dataclass(frozen=True)
@@ -97,6 +83,9 @@ class Session(Protocol):
         """
 
 
+Iteration = solvers.Progress
+"""Progress of a solve."""
+
 IterationReport = Callable[[Iteration], None]
 """Called after every iteration. It may raise KeyboardInterrupt to stop the solve there."""
 
@@ -127,7 +116,7 @@ class SolveOutcome:
         return self.status in ("converged", "acceptable")
 
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 _SIGNALS = tuple(signal.Signals[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 """Ctrl-C, `kill` or a scheduler's time limit, and a terminal that closes."""
@@ -158,13 +147,13 @@ class StopSignals:
         if not again and not self._deferred:
             raise Interrupted(self.received)
 
-    def checked(self, report: Callable[[T], None]) -> Callable[[T], None]:
+    def checked(self, report: Callable[[_T], None]) -> Callable[[_T], None]:
         """Return a report that calls ``report``, and raises Interrupted if there is a signal.
 
         What :meth:`on_signal` raises is lost where it comes while CasADi's C++ calls Python: it is raised again here.
         """
 
-        def checked(now: T) -> None:
+        def checked(now: _T) -> None:
             self._raise_received()  # before anything is printed: after SIGHUP the terminal may be closed
             report(now)
             self._raise_received()
@@ -172,7 +161,7 @@ class StopSignals:
         return checked
 
     @contextmanager
-    def deferred(self, progress: Callable[[T], None]) -> Iterator[Callable[[T], None]]:
+    def deferred(self, progress: Callable[[_T], None]) -> Iterator[Callable[[_T], None]]:
         """Defer signals to the next call of a progress report, which raises Interrupted.
 
         Yields:

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from lgmpc.problems import Scenario
     from lgmpc.solvers import History, Solution
 
-__all__ = ["explain", "export", "plot", "plot_solution", "report", "show", "show_solution"]
-
 
 def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path | None:
     """Replay a run: embedded in a notebook, else as ``replay.html`` in its folder, which the browser opens.

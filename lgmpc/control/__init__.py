@@ -3,6 +3,10 @@
 Only :mod:`lgmpc.control.interface` is imported with the package: plants and estimators require no controller.
 """
 
-from lgmpc.control.interface import Command, Controller, Estimator, Measurement, RobotState
-
-__all__ = ["Command", "Controller", "Estimator", "Measurement", "RobotState"]
+from lgmpc.control.interface import (
+    Command as Command,
+    Controller as Controller,
+    Estimator as Estimator,
+    Measurement as Measurement,
+    RobotState as RobotState,
+)

@@ -33,8 +33,6 @@ from lgmpc.status import Status
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
-__all__ = ["LeggedController"]
-
 _LOG = logging.getLogger(__name__)
 _LIFTING = (Mode.RISE, Mode.SIT)
 _REST = 0.05  # m/s

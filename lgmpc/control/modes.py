@@ -29,19 +29,6 @@ from lgmpc.settings import Fraction, Positive, Settings
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 
-__all__ = [
-    "TRANSITIONS",
-    "FallMonitor",
-    "FallSettings",
-    "Mode",
-    "ModeMachine",
-    "ModeSettings",
-    "RestMonitor",
-    "TransitionInputs",
-    "Transition",
-]
-
-
 _LOST_S = 0.03
 """s without contact of any foot after which a standing robot falls."""
 

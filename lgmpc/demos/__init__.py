@@ -9,8 +9,6 @@ from types import MappingProxyType
 from lgmpc.demos.outcome import Demo
 from lgmpc.errors import InputError
 
-__all__ = ["NAMES", "SUMMARIES", "load_demo"]
-
 SUMMARIES: Mapping[str, str] = MappingProxyType(
     {
         "dzhanibekov": "A T-handle flips periodically: Dzhanibekov's effect",

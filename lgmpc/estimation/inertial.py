@@ -24,16 +24,6 @@ from lgmpc.lie.coefficients import b_c
 from lgmpc.settings import Noise, Settings
 from lgmpc.typing import Array
 
-__all__ = [
-    "ImuNoise",
-    "error_dynamics",
-    "exponential_increment",
-    "free_flow",
-    "gravity_increment",
-    "propagate",
-    "vector_field",
-]
-
 
 class ImuNoise(Settings):
     """Densities of white noise, as data sheets have them; a sample over ``dt`` has variance ``density^2 / dt``.

@@ -3,19 +3,16 @@
 A driver of real hardware implements :class:`Driver` and requires :mod:`lgmpc.control.interface` only.
 """
 
-from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
-from lgmpc.hardware.safety import DeploymentSettings, JointLimits, Operator
-from lgmpc.hardware.udp import UdpDriver, UdpRobot
-
-__all__ = [
-    "DeployedTick",
-    "Deployment",
-    "DeploymentSettings",
-    "Driver",
-    "Ending",
-    "JointLimits",
-    "Operator",
-    "UdpDriver",
-    "UdpRobot",
-    "deploy",
-]
+from lgmpc.hardware.deployment import (
+    DeployedTick as DeployedTick,
+    Deployment as Deployment,
+    Driver as Driver,
+    Ending as Ending,
+    deploy as deploy,
+)
+from lgmpc.hardware.safety import (
+    DeploymentSettings as DeploymentSettings,
+    JointLimits as JointLimits,
+    Operator as Operator,
+)
+from lgmpc.hardware.udp import UdpDriver as UdpDriver, UdpRobot as UdpRobot

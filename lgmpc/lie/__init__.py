@@ -9,7 +9,5 @@ Conventions: SE(3) twists and wrenches linear first, SE_k(3) tangents rotation f
 Logarithms return rotation vectors of norm at most pi; at exactly pi, the one with positive first non-zero entry.
 """
 
-from lgmpc.lie import attitude, quaternion, so3
-from lgmpc.lie.groups import se3, sek3
-
-__all__ = ["attitude", "quaternion", "se3", "sek3", "so3"]
+from lgmpc.lie import attitude as attitude, quaternion as quaternion, so3 as so3
+from lgmpc.lie.groups import se3 as se3, sek3 as sek3

@@ -12,5 +12,3 @@ Nothing is imported here: the page is open before the rest is loaded.
 """
 
 from __future__ import annotations
-
-__all__: list[str] = []

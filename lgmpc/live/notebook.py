@@ -14,8 +14,6 @@ from lgmpc.errors import LgmpcError
 from lgmpc.live.viewing import Viewing
 from lgmpc.runs import Run, load_run
 
-__all__ = ["LivePage", "drive"]
-
 
 class LivePage:
     """The page of a run in real time, which a notebook displays.

@@ -23,8 +23,6 @@ from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Positive, Settings
 from lgmpc.typing import Array, BoolArray
 
-__all__ = ["MOST_INTERVALS", "FootSwing", "GaitGrid", "GaitPhase", "GaitSequence", "QuadrupedFeet"]
-
 MOST_INTERVALS = 10_000
 """Intervals of the finest grid."""
 

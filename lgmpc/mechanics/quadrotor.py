@@ -28,18 +28,6 @@ from lgmpc.mechanics.euler_poincare import EulerPoincare, Symbols
 from lgmpc.mechanics.rigid_body import SpatialInertia, free_body
 from lgmpc.typing import GRAVITY, Array, numbers
 
-__all__ = [
-    "Controller",
-    "EulerAngleController",
-    "GeometricController",
-    "GeometricGains",
-    "Quadrotor",
-    "Reference",
-    "attitude_error",
-    "hover",
-    "lissajous",
-]
-
 _UP = ca.DM([0.0, 0.0, 1.0])
 
 Reference = Callable[[Any], tuple[Any, Any]]

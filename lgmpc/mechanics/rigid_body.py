@@ -13,8 +13,7 @@ import numpy as np
 
 from lgmpc.lie import so3
 from lgmpc.lie.checks import typed
-from lgmpc.lie.symbolic import se3 as symbolic_se3
-from lgmpc.lie.symbolic import so3 as symbolic_so3
+from lgmpc.lie.symbolic import se3 as symbolic_se3, so3 as symbolic_so3
 from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
 from lgmpc.mechanics.euler_poincare import Advected, EulerPoincare, Expression
 from lgmpc.mechanics.groups import SE3, SO3

@@ -1,32 +1,21 @@
 """Model-predictive control: receding horizons on top of the real-time solvers, behind one contract."""
 
-from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
-from lgmpc.mpc.fallback import FallbackMpc
-from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings, FullBodyWeights
-from lgmpc.mpc.interface import MeasuredState, Mpc
-from lgmpc.mpc.models import AnyMpcSettings, make_mpc
-from lgmpc.mpc.plan import MotionSample, MotionSampler, MpcStatus, Plan, PosturePlan, PostureSample
-from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
-from lgmpc.mpc.sqp import SqpMpc
-
-__all__ = [
-    "AnyMpcSettings",
-    "CentroidalMpc",
-    "CentroidalMpcSettings",
-    "CentroidalWeights",
-    "FullBodyMpc",
-    "FullBodyMpcSettings",
-    "FullBodyWeights",
-    "MeasuredState",
-    "MotionSample",
-    "MotionSampler",
-    "Mpc",
-    "MpcSettings",
-    "MpcStatus",
-    "Plan",
-    "PosturePlan",
-    "PostureSample",
-    "SqpMpc",
-    "FallbackMpc",
-    "make_mpc",
-]
+from lgmpc.mpc.centroidal import CentroidalMpc as CentroidalMpc, CentroidalMpcSettings as CentroidalMpcSettings
+from lgmpc.mpc.fallback import FallbackMpc as FallbackMpc
+from lgmpc.mpc.full_body import (
+    FullBodyMpc as FullBodyMpc,
+    FullBodyMpcSettings as FullBodyMpcSettings,
+    FullBodyWeights as FullBodyWeights,
+)
+from lgmpc.mpc.interface import MeasuredState as MeasuredState, Mpc as Mpc
+from lgmpc.mpc.models import AnyMpcSettings as AnyMpcSettings, make_mpc as make_mpc
+from lgmpc.mpc.plan import (
+    MotionSample as MotionSample,
+    MotionSampler as MotionSampler,
+    MpcStatus as MpcStatus,
+    Plan as Plan,
+    PosturePlan as PosturePlan,
+    PostureSample as PostureSample,
+)
+from lgmpc.mpc.settings import CentroidalWeights as CentroidalWeights, MpcSettings as MpcSettings
+from lgmpc.mpc.sqp import SqpMpc as SqpMpc

@@ -1,30 +1,14 @@
 """Optimal control problems: data, compiled horizon functions, linear-quadratic subproblem, NLP transcription."""
 
-from lgmpc.ocp.free_durations import FreeDurations, FreePhase
-from lgmpc.ocp.functions import PathFunctions, SubproblemFunctions
-from lgmpc.ocp.kkt import KktResidual, kkt_residual
-from lgmpc.ocp.numdiff import DerivativeCheck, DerivativeReport, check_derivatives
-from lgmpc.ocp.problem import ShootingProblem, Trajectory
-from lgmpc.ocp.quadratic import Block, OcpQp, OcpQpStructure
-from lgmpc.ocp.shooting import ShootingFunctions
-from lgmpc.ocp.transcription import MultipleShooting, transcribe
-
-__all__ = [
-    "Block",
-    "DerivativeCheck",
-    "DerivativeReport",
-    "FreeDurations",
-    "FreePhase",
-    "KktResidual",
-    "MultipleShooting",
-    "OcpQp",
-    "OcpQpStructure",
-    "PathFunctions",
-    "ShootingFunctions",
-    "ShootingProblem",
-    "SubproblemFunctions",
-    "Trajectory",
-    "check_derivatives",
-    "kkt_residual",
-    "transcribe",
-]
+from lgmpc.ocp.free_durations import FreeDurations as FreeDurations, FreePhase as FreePhase
+from lgmpc.ocp.functions import PathFunctions as PathFunctions, SubproblemFunctions as SubproblemFunctions
+from lgmpc.ocp.kkt import KktResidual as KktResidual, kkt_residual as kkt_residual
+from lgmpc.ocp.numdiff import (
+    DerivativeCheck as DerivativeCheck,
+    DerivativeReport as DerivativeReport,
+    check_derivatives as check_derivatives,
+)
+from lgmpc.ocp.problem import ShootingProblem as ShootingProblem, Trajectory as Trajectory
+from lgmpc.ocp.quadratic import Block as Block, OcpQp as OcpQp, OcpQpStructure as OcpQpStructure
+from lgmpc.ocp.shooting import ShootingFunctions as ShootingFunctions
+from lgmpc.ocp.transcription import MultipleShooting as MultipleShooting, transcribe as transcribe

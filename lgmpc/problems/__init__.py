@@ -23,64 +23,53 @@ from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
-from lgmpc.locomotion.sequence import GaitPhase
+from lgmpc.locomotion.sequence import GaitPhase as GaitPhase
 from lgmpc.problems.flight import (
-    FlightSettings,
-    FlightWaypoint,
-    FlightWeights,
-    Multirotor,
-    MultirotorSettings,
-    build_flight,
+    FlightSettings as FlightSettings,
+    FlightWaypoint as FlightWaypoint,
+    FlightWeights as FlightWeights,
+    Multirotor as Multirotor,
+    MultirotorSettings as MultirotorSettings,
+    build_flight as build_flight,
 )
-from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
-from lgmpc.problems.free_jump import FreeJumpSettings, build_free_jump
-from lgmpc.problems.legged import build_gait, build_jump, build_legged
-from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, JumpWeights, LeggedSettings, LeggedWeights
-from lgmpc.problems.reach import ReachSettings, ReachWeights, build_reach
-from lgmpc.problems.righting import LegStrokes, RightingSettings, RightingWeights, build_righting
-from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
-from lgmpc.problems.standing_reach import StandingReachSettings, StandingReachWeights, build_standing_reach
+from lgmpc.problems.footsteps import (
+    BaseLeap as BaseLeap,
+    BaseMotion as BaseMotion,
+    BasePath as BasePath,
+    Footsteps as Footsteps,
+)
+from lgmpc.problems.free_jump import FreeJumpSettings as FreeJumpSettings, build_free_jump as build_free_jump
+from lgmpc.problems.legged import build_gait as build_gait, build_jump as build_jump, build_legged as build_legged
+from lgmpc.problems.legged_settings import (
+    GaitSettings as GaitSettings,
+    JumpSettings as JumpSettings,
+    JumpWeights as JumpWeights,
+    LeggedSettings as LeggedSettings,
+    LeggedWeights as LeggedWeights,
+)
+from lgmpc.problems.reach import (
+    ReachSettings as ReachSettings,
+    ReachWeights as ReachWeights,
+    build_reach as build_reach,
+)
+from lgmpc.problems.righting import (
+    LegStrokes as LegStrokes,
+    RightingSettings as RightingSettings,
+    RightingWeights as RightingWeights,
+    build_righting as build_righting,
+)
+from lgmpc.problems.scenario import (
+    Controls as Controls,
+    ProblemSettings as ProblemSettings,
+    Scenario as Scenario,
+    Waypoint as Waypoint,
+)
+from lgmpc.problems.standing_reach import (
+    StandingReachSettings as StandingReachSettings,
+    StandingReachWeights as StandingReachWeights,
+    build_standing_reach as build_standing_reach,
+)
 from lgmpc.robot import Robot
-
-__all__ = [
-    "AnyProblemSettings",
-    "JumpWeights",
-    "ProblemSettings",
-    "build_problem",
-    "BaseLeap",
-    "BaseMotion",
-    "BasePath",
-    "Controls",
-    "FlightSettings",
-    "FlightWaypoint",
-    "FlightWeights",
-    "Footsteps",
-    "FreeJumpSettings",
-    "GaitPhase",
-    "GaitSettings",
-    "JumpSettings",
-    "LegStrokes",
-    "LeggedSettings",
-    "LeggedWeights",
-    "Multirotor",
-    "MultirotorSettings",
-    "ReachSettings",
-    "ReachWeights",
-    "RightingSettings",
-    "RightingWeights",
-    "Scenario",
-    "StandingReachSettings",
-    "StandingReachWeights",
-    "Waypoint",
-    "build_flight",
-    "build_free_jump",
-    "build_gait",
-    "build_jump",
-    "build_legged",
-    "build_reach",
-    "build_righting",
-    "build_standing_reach",
-]
 
 
 def _builders() -> Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenario]]:

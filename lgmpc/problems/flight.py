@@ -28,8 +28,7 @@ from lgmpc.locomotion.sequence import MOST_INTERVALS
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
-from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Vector3
-from lgmpc.settings import problem as problem_with
+from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Vector3, problem as problem_with
 from lgmpc.typing import GRAVITY, Array
 
 

@@ -35,8 +35,7 @@ from lgmpc.problems.legged_settings import JumpWeights, LeggedSettings
 from lgmpc.problems.motion import com_positions, contact_positions
 from lgmpc.problems.scenario import ProblemSettings, Scenario
 from lgmpc.robot import Robot
-from lgmpc.settings import Interval, NonNegative, Positive
-from lgmpc.settings import problem as problem_with
+from lgmpc.settings import Interval, NonNegative, Positive, problem as problem_with
 from lgmpc.typing import Array
 
 _AT_LIMIT = 0.995  # ratio to a limit, or to the beginning of its barrier, from which it counts as reached

@@ -21,8 +21,7 @@ from lgmpc.costs.library.collision import box_distance, least
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion
 from lgmpc.problems.footsteps import Footsteps, SwingCurve
-from lgmpc.robot import Box as BoxShape
-from lgmpc.robot import Capsule, Robot
+from lgmpc.robot import Box as BoxShape, Capsule, Robot
 from lgmpc.typing import Array
 from lgmpc.world import Box, Plane, World
 

@@ -31,31 +31,6 @@ from typing_extensions import Self
 
 from lgmpc.settings.dotted import write_at
 
-__all__ = [
-    "LARGEST",
-    "PROBLEM",
-    "Count",
-    "Extension",
-    "Finite",
-    "Fraction",
-    "Friction",
-    "Interval",
-    "Noise",
-    "NonNegative",
-    "PerJoint",
-    "PerJointRange",
-    "Positive",
-    "Problem",
-    "Range",
-    "RangeFromZero",
-    "Settings",
-    "Vector2",
-    "Vector3",
-    "Words",
-    "problem",
-    "problems",
-]
-
 PROBLEM = "lgmpc"
 """The pydantic error type of all errors of :func:`problems`."""
 
@@ -300,10 +275,10 @@ def _number_or_table(value: Any) -> str:
     return "table" if isinstance(value, Mapping) else "number"
 
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 PerJoint = Annotated[
-    Union[Annotated[T, Tag("number")], Annotated[dict[str, T], Tag("table")]],  # noqa: UP007
+    Union[Annotated[_T, Tag("number")], Annotated[dict[str, _T], Tag("table")]],  # noqa: UP007
     Discriminator(_number_or_table),
 ]
 """``PerJoint[Positive]``: one number for all joints, or ``{joint name or pattern: number}``."""

@@ -4,27 +4,16 @@ Two plants implement one protocol: :class:`PinocchioPlant`, and :class:`lgmpc.si
 is not named here because it loads MuJoCo.
 """
 
-from lgmpc.simulation.disturbances import Push, PushSchedule
-from lgmpc.simulation.loop import Disturbance, Rates, Sensing, Tick, simulate, true_state
-from lgmpc.simulation.parameters import PlantSettings
-from lgmpc.simulation.pinocchio import PinocchioPlant
-from lgmpc.simulation.plant import Plant, PlantSample, make_plant
-from lgmpc.simulation.sensors import SensorNoise, Sensors
-
-__all__ = [
-    "Disturbance",
-    "PinocchioPlant",
-    "Plant",
-    "PlantSettings",
-    "PlantSample",
-    "Push",
-    "PushSchedule",
-    "Rates",
-    "SensorNoise",
-    "Sensing",
-    "Sensors",
-    "Tick",
-    "make_plant",
-    "simulate",
-    "true_state",
-]
+from lgmpc.simulation.disturbances import Push as Push, PushSchedule as PushSchedule
+from lgmpc.simulation.loop import (
+    Disturbance as Disturbance,
+    Rates as Rates,
+    Sensing as Sensing,
+    Tick as Tick,
+    simulate as simulate,
+    true_state as true_state,
+)
+from lgmpc.simulation.parameters import PlantSettings as PlantSettings
+from lgmpc.simulation.pinocchio import PinocchioPlant as PinocchioPlant
+from lgmpc.simulation.plant import Plant as Plant, PlantSample as PlantSample, make_plant as make_plant
+from lgmpc.simulation.sensors import SensorNoise as SensorNoise, Sensors as Sensors

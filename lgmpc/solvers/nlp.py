@@ -17,8 +17,7 @@ from pydantic import Field, model_validator
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
-from lgmpc.settings import Positive
-from lgmpc.settings import problem as problem_with
+from lgmpc.settings import Positive, problem as problem_with
 from lgmpc.solvers.loop import Callback, Progress, Solver, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status

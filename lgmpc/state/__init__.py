@@ -5,15 +5,9 @@ injectivity radius (rotations below half a turn); ``Jintegrate -> (d/dx, d/ddx)`
 between tangent spaces in body axes. ``integrate_symbolic`` and ``diff_symbolic`` act on CasADi expressions.
 """
 
-from lgmpc.state.base import ProductState, State, StateVector
-from lgmpc.state.configuration import difference_symbolic, integrate_configuration_symbolic
-from lgmpc.state.multibody import StateMultibody
-
-__all__ = [
-    "ProductState",
-    "State",
-    "StateMultibody",
-    "StateVector",
-    "difference_symbolic",
-    "integrate_configuration_symbolic",
-]
+from lgmpc.state.base import ProductState as ProductState, State as State, StateVector as StateVector
+from lgmpc.state.configuration import (
+    difference_symbolic as difference_symbolic,
+    integrate_configuration_symbolic as integrate_configuration_symbolic,
+)
+from lgmpc.state.multibody import StateMultibody as StateMultibody

@@ -4,22 +4,14 @@ A replay is one self-contained HTML page, saved by :func:`write_page` and opened
 matplotlib's, in :class:`Plots`. The viewer and matplotlib are imported when they are used.
 """
 
-from lgmpc.viz.demonstration import demo_page, draw_demo
-from lgmpc.viz.figure_files import Plots
-from lgmpc.viz.page import embed_page, in_notebook, open_page, write_page
-from lgmpc.viz.plots import plot_run
-from lgmpc.viz.replay import replay_page
-from lgmpc.viz.report import run_report
-
-__all__ = [
-    "Plots",
-    "demo_page",
-    "draw_demo",
-    "embed_page",
-    "in_notebook",
-    "open_page",
-    "plot_run",
-    "replay_page",
-    "run_report",
-    "write_page",
-]
+from lgmpc.viz.demonstration import demo_page as demo_page, draw_demo as draw_demo
+from lgmpc.viz.figure_files import Plots as Plots
+from lgmpc.viz.page import (
+    embed_page as embed_page,
+    in_notebook as in_notebook,
+    open_page as open_page,
+    write_page as write_page,
+)
+from lgmpc.viz.plots import plot_run as plot_run
+from lgmpc.viz.replay import replay_page as replay_page
+from lgmpc.viz.report import run_report as run_report

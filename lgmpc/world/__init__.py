@@ -4,34 +4,30 @@ Only plants, initial states, judging, replay and problems read a :class:`World`;
 :class:`~lgmpc.estimation.terrain.TerrainBelief` instead.
 """
 
-from lgmpc.world.boxes import Box
-from lgmpc.world.heights import HeightField
-from lgmpc.world.kinds import Blocks, Gaps, Heights, Hills, Patches, Ramp, Stairs, Stones
-from lgmpc.world.settings import Course, FloorSettings, SlopeSettings, WorldSettings, make_world
-from lgmpc.world.surfaces import Plane, Softness, Surface, SurfaceContacts
-from lgmpc.world.terrain import Terrain
-from lgmpc.world.world import World
-
-__all__ = [
-    "Blocks",
-    "Box",
-    "Course",
-    "FloorSettings",
-    "Gaps",
-    "HeightField",
-    "Heights",
-    "Hills",
-    "Patches",
-    "Plane",
-    "Ramp",
-    "SlopeSettings",
-    "Softness",
-    "Stairs",
-    "Stones",
-    "Surface",
-    "SurfaceContacts",
-    "Terrain",
-    "World",
-    "WorldSettings",
-    "make_world",
-]
+from lgmpc.world.boxes import Box as Box
+from lgmpc.world.heights import HeightField as HeightField
+from lgmpc.world.kinds import (
+    Blocks as Blocks,
+    Gaps as Gaps,
+    Heights as Heights,
+    Hills as Hills,
+    Patches as Patches,
+    Ramp as Ramp,
+    Stairs as Stairs,
+    Stones as Stones,
+)
+from lgmpc.world.settings import (
+    Course as Course,
+    FloorSettings as FloorSettings,
+    SlopeSettings as SlopeSettings,
+    WorldSettings as WorldSettings,
+    make_world as make_world,
+)
+from lgmpc.world.surfaces import (
+    Plane as Plane,
+    Softness as Softness,
+    Surface as Surface,
+    SurfaceContacts as SurfaceContacts,
+)
+from lgmpc.world.terrain import Terrain as Terrain
+from lgmpc.world.world import World as World

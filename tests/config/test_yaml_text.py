@@ -4,8 +4,7 @@ import math
 
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from lgmpc.config.yaml_text import parse_scalar, parse_yaml, write_yaml
 from lgmpc.errors import ConfigError

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from public_names import public_names
 
 import lgmpc
 import lgmpc.demos as catalogue
@@ -164,7 +165,7 @@ def test_links_to_names_lead_to_public_ones() -> None:
             package, _, name = target.rpartition(".")
             fine = target in packages if kind == "mod" else package == "lgmpc" or package in packages
             assert fine, f"{page.name}: {target}"
-            assert kind == "mod" or name in importlib.import_module(package).__all__, f"{page.name}: {target}"
+            assert kind == "mod" or name in public_names(package), f"{page.name}: {target}"
 
 
 @pytest.mark.docs
@@ -174,9 +175,9 @@ def test_every_room_with_public_names_is_in_the_reference(monkeypatch: pytest.Mo
     pages = importlib.import_module("reference_pages")
     sys.modules.pop("reference_pages")
     packages = {f"lgmpc.{info.name}" for info in pkgutil.iter_modules(lgmpc.__path__) if info.ispkg}
-    packages = {name for name in packages if getattr(importlib.import_module(name), "__all__", ())}
+    packages = {name for name in packages if public_names(name)}
     assert packages - set(pages.PACKAGES) == {"lgmpc.cli"}
     for package in pages.PACKAGES:
         text = pages.package_page(package, "")
-        for name in importlib.import_module(package).__all__:
+        for name in public_names(package):
             assert f"`{name} <" in text

@@ -15,9 +15,7 @@ from scipy.linalg import expm
 
 from lgmpc.lie import se3, sek3, so3
 from lgmpc.lie.coefficients import SEAM
-from lgmpc.lie.symbolic import se3 as se3_symbolic
-from lgmpc.lie.symbolic import sek3 as sek3_symbolic
-from lgmpc.lie.symbolic import so3 as so3_symbolic
+from lgmpc.lie.symbolic import se3 as se3_symbolic, sek3 as sek3_symbolic, so3 as so3_symbolic
 
 ATAN_SEAM_ANGLE = 2.0 * math.atan(0.2)
 ANGLES = (

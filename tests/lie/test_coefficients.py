@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.lie import coefficients, se3, sek3, so3
-from lgmpc.lie import quaternion as numeric_quaternion
+from lgmpc.lie import coefficients, quaternion as numeric_quaternion, se3, sek3, so3
 from lgmpc.lie.symbolic import quaternion
 
 ANGLES = sorted(

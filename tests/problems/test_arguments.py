@@ -13,7 +13,7 @@ import lgmpc.problems as problems
 from lgmpc.errors import InputError
 from lgmpc.problems import ProblemSettings, build_problem
 
-BUILDERS = [getattr(problems, name) for name in problems.__all__ if name.startswith("build_")]
+BUILDERS = [getattr(problems, name) for name in dir(problems) if name.startswith("build_")]
 
 
 class _Own(ProblemSettings):

@@ -15,8 +15,7 @@ from lgmpc.viz.plots import plot_run
 from lgmpc.viz.replay import replay_page
 
 from .conftest import FOOTHOLD, SWING_END, SWING_START
-from .test_overlay import at, shown
-from .test_overlay import overlay as add_overlays
+from .test_overlay import at, overlay as add_overlays, shown
 from .test_plots import only
 from .test_replay import content_of
 

@@ -1,40 +1,24 @@
 """Residuals for costs and constraints."""
 
-from lgmpc.costs.library.collision import ShapePairDistance
-from lgmpc.costs.library.forces import CenterOfPressure, ContactForce, FrictionCone, WrenchCone
-from lgmpc.costs.library.motion import (
-    CentroidalMomentum,
-    CoMPosition,
-    CoMVelocity,
-    ContactControlGravity,
-    Control,
-    FramePlacement,
-    FrameRotation,
-    FrameRotationMatrix,
-    FrameTranslation,
-    FrameVelocity,
-    JointAcceleration,
-    JointPosition,
-    StateError,
+from lgmpc.costs.library.collision import ShapePairDistance as ShapePairDistance
+from lgmpc.costs.library.forces import (
+    CenterOfPressure as CenterOfPressure,
+    ContactForce as ContactForce,
+    FrictionCone as FrictionCone,
+    WrenchCone as WrenchCone,
 )
-
-__all__ = [
-    "CenterOfPressure",
-    "CentroidalMomentum",
-    "CoMPosition",
-    "CoMVelocity",
-    "ContactControlGravity",
-    "ContactForce",
-    "Control",
-    "FramePlacement",
-    "FrameRotation",
-    "FrameRotationMatrix",
-    "FrameTranslation",
-    "FrameVelocity",
-    "FrictionCone",
-    "JointAcceleration",
-    "JointPosition",
-    "ShapePairDistance",
-    "StateError",
-    "WrenchCone",
-]
+from lgmpc.costs.library.motion import (
+    CentroidalMomentum as CentroidalMomentum,
+    CoMPosition as CoMPosition,
+    CoMVelocity as CoMVelocity,
+    ContactControlGravity as ContactControlGravity,
+    Control as Control,
+    FramePlacement as FramePlacement,
+    FrameRotation as FrameRotation,
+    FrameRotationMatrix as FrameRotationMatrix,
+    FrameTranslation as FrameTranslation,
+    FrameVelocity as FrameVelocity,
+    JointAcceleration as JointAcceleration,
+    JointPosition as JointPosition,
+    StateError as StateError,
+)

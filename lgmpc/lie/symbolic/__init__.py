@@ -3,10 +3,8 @@
 Arguments are not validated. Branches are guarded, so that derivatives of any order are exact at the identity.
 """
 
-from lgmpc.lie.symbolic import quaternion, so3
-from lgmpc.lie.symbolic.poses import Poses
-
-__all__ = ["Poses", "quaternion", "se3", "sek3", "so3"]
+from lgmpc.lie.symbolic import quaternion as quaternion, so3 as so3
+from lgmpc.lie.symbolic.poses import Poses as Poses
 
 se3 = Poses(linear_first=True)
 """SE(3): homogeneous matrices (4, 4), twists (6) linear first."""

@@ -6,26 +6,17 @@ from collections.abc import Callable
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp
-from lgmpc.solvers.qp.active_set import ActiveSetSolver
-from lgmpc.solvers.qp.dense_riccati import DenseRiccati
-from lgmpc.solvers.qp.general import OsqpSolver, PiqpSolver
-from lgmpc.solvers.qp.protocol import LARGE_STAGE, QpSolution, QpSolver, RiccatiSolver
-from lgmpc.solvers.qp.sparse_riccati import SparseRiccati
+from lgmpc.solvers.qp.active_set import ActiveSetSolver as ActiveSetSolver
+from lgmpc.solvers.qp.dense_riccati import DenseRiccati as DenseRiccati
+from lgmpc.solvers.qp.general import OsqpSolver as OsqpSolver, PiqpSolver as PiqpSolver
+from lgmpc.solvers.qp.protocol import (
+    LARGE_STAGE as LARGE_STAGE,
+    QpSolution as QpSolution,
+    QpSolver as QpSolver,
+    RiccatiSolver as RiccatiSolver,
+)
+from lgmpc.solvers.qp.sparse_riccati import SparseRiccati as SparseRiccati
 from lgmpc.typing import instance
-
-__all__ = [
-    "LARGE_STAGE",
-    "QP_SOLVERS",
-    "ActiveSetSolver",
-    "DenseRiccati",
-    "OsqpSolver",
-    "PiqpSolver",
-    "QpSolution",
-    "QpSolver",
-    "RiccatiSolver",
-    "SparseRiccati",
-    "make_qp_solver",
-]
 
 _KINDS = ActiveSetSolver, PiqpSolver, OsqpSolver
 _MAKERS: dict[str, Callable[[OcpQp], QpSolver]] = {kind.name: kind for kind in _KINDS}

@@ -1,11 +1,7 @@
 """The public names: those of a controlled robot first, then those of optimal control problems."""
 
 from lgmpc.control.legged import LeggedController as LeggedController
-from lgmpc.control import (
-    Command as Command,
-    Measurement as Measurement,
-    RobotState as RobotState,
-)
+from lgmpc.control import Command as Command, Measurement as Measurement, RobotState as RobotState
 from lgmpc.locomotion import MotionCommand as MotionCommand
 from lgmpc.world import World as World
 from lgmpc.config import load_config as load_config, load_solve_config as load_solve_config
@@ -22,22 +18,10 @@ from lgmpc.config.showing import (
     show_solution as show_solution,
     plot_solution as plot_solution,
 )
-from lgmpc.robot import (
-    Robot as Robot,
-    RobotSpec as RobotSpec,
-    load_robot as load_robot,
-)
-from lgmpc.wbc import (
-    WholeBodyController as WholeBodyController,
-    SymbolicTask as SymbolicTask,
-    Gain as Gain,
-)
+from lgmpc.robot import Robot as Robot, RobotSpec as RobotSpec, load_robot as load_robot
+from lgmpc.wbc import WholeBodyController as WholeBodyController, SymbolicTask as SymbolicTask, Gain as Gain
 from lgmpc.mpc import CentroidalMpc as CentroidalMpc
-from lgmpc.problems import (
-    Scenario as Scenario,
-    GaitSettings as GaitSettings,
-    build_gait as build_gait,
-)
+from lgmpc.problems import Scenario as Scenario, GaitSettings as GaitSettings, build_gait as build_gait
 from lgmpc.locomotion.sequence import GaitSequence as GaitSequence
 from lgmpc.ocp import (
     ShootingProblem as ShootingProblem,

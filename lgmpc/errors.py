@@ -129,14 +129,7 @@ class ConfigError(InputError):
     """
 
     def __init__(
-        self,
-        file: str,
-        key: str,
-        got: object,
-        expected: str,
-        choices: Sequence[str] = (),
-        *,
-        word: str | None = None,
+        self, file: str, key: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
     ) -> None:
         self.file = file
         self.key = key

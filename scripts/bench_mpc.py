@@ -28,14 +28,7 @@ from record import add_json_option, print_machine, quantiles, write_record
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import (
-    CentroidalMpc,
-    CentroidalMpcSettings,
-    FullBodyMpc,
-    FullBodyMpcSettings,
-    MeasuredState,
-    Plan,
-)
+from lgmpc.mpc import CentroidalMpc, CentroidalMpcSettings, FullBodyMpc, FullBodyMpcSettings, MeasuredState, Plan
 from lgmpc.mpc.sqp import SqpMpc
 from lgmpc.robot import Robot
 from lgmpc.solvers.qp import QP_SOLVERS

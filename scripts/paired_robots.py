@@ -93,10 +93,7 @@ def quadrotor(nodes: int = 30, dt: float = 0.03, bounds: tuple[float, float] | N
     goal = np.concatenate([[1.0, -0.5, 0.8], turn, np.zeros(6)])
     w_state = np.concatenate([5.0 * np.ones(3), 2.0 * np.ones(3), 0.5 * np.ones(6)])
     dynamics = FreeForwardDynamics(model, thrust)
-    costs = [
-        CostItem("goal", StateError(dynamics.state, goal), w_state),
-        CostItem("thrust", Control(4), 1e-2),
-    ]
+    costs = [CostItem("goal", StateError(dynamics.state, goal), w_state), CostItem("thrust", Control(4), 1e-2)]
     limits = [] if bounds is None else [ConstraintItem("limits", Control(4), *bounds)]
     name = "quadrotor" if bounds is None else "quadrotor_bounded"
     ours = ShootingProblem(MultibodyAction(name, dynamics, costs, limits), nodes)

@@ -16,12 +16,7 @@ __all__ = ["headless_chromium", "snapshots"]
 
 
 def snapshots(
-    browser: Browser,
-    page: Path,
-    times: Sequence[float],
-    *,
-    size: tuple[int, int] = (1280, 720),
-    panels: bool = True,
+    browser: Browser, page: Path, times: Sequence[float], *, size: tuple[int, int] = (1280, 720), panels: bool = True
 ) -> list[bytes]:
     """Take pictures of a replay page.
 

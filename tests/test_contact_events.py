@@ -57,11 +57,7 @@ class ScriptedFloor:
 
 
 def walked(
-    height: float,
-    begins: Callable[[float, ContactState], bool],
-    lasts: float,
-    gait: str = "trot",
-    age: float = 0.0,
+    height: float, begins: Callable[[float, ContactState], bool], lasts: float, gait: str = "trot", age: float = 0.0
 ) -> tuple[RunLog, Metrics, float]:
     """Return the log of 0.3 m/s ahead until 1.4 s and a stop, its metrics, and when the floor moved.
 

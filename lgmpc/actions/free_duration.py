@@ -16,16 +16,7 @@ from lgmpc.actions.base import Action, Stage
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.linearisation import Expansion, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
-from lgmpc.costs import (
-    Bounded,
-    Cost,
-    CostTerm,
-    LeastSquares,
-    Parameter,
-    ParameterLayout,
-    Quadratic,
-    QuadraticBarrier,
-)
+from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout, Quadratic, QuadraticBarrier
 from lgmpc.errors import InputError
 from lgmpc.state import ProductState, State, StateVector
 from lgmpc.typing import instance

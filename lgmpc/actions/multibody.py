@@ -235,11 +235,7 @@ class HoldAction(ItemAction):
     """
 
     def __init__(
-        self,
-        name: str,
-        model: pin.Model,
-        costs: Sequence[CostItem] = (),
-        constraints: Sequence[ConstraintItem] = (),
+        self, name: str, model: pin.Model, costs: Sequence[CostItem] = (), constraints: Sequence[ConstraintItem] = ()
     ) -> None:
         actuated(model)  # checks its type
         super().__init__(name, SymbolicModel(model), StateMultibody(model), 0, (), costs, constraints)

@@ -327,11 +327,7 @@ def plot(
 
 
 @_command
-def explain(
-    run: RunName,
-    runs: RunsFolder = Path("runs"),
-    as_json: AsJson = False,
-) -> None:
+def explain(run: RunName, runs: RunsFolder = Path("runs"), as_json: AsJson = False) -> None:
     """Explain why a run failed: the events before the failure, in order.
 
     Events are limits reached, contacts and solutions lost, capture point outside the support, late ticks, wrong

@@ -194,13 +194,7 @@ def deploy_shown(
     console, driver = err(), link.end(robots=False, period=1.0 / config.wbc.rate_hz)
     with Keys.of_terminal(not disarmed) as keys, _run_display(console, quiet=quiet) as display, warnings_on(console):
         finished, deployment = begin(
-            config,
-            driver,
-            folder,
-            notify=display.announce,
-            progress=display.advance,
-            operator=keys,
-            dry_run=dry_run,
+            config, driver, folder, notify=display.announce, progress=display.advance, operator=keys, dry_run=dry_run
         )
     if as_json:
         print_result(finished.folder.path, finished.result)
@@ -218,10 +212,7 @@ def serve_shown(config: Config, link: RobotEnd, *, lock_step: bool) -> int:
     console, end = err(), link.end(robots=True)
     with warnings_on(console), stop_signals():
         served = serve_config(
-            config,
-            end,
-            lock_step=lock_step,
-            notify=lambda message: console.print(message, markup=False),
+            config, end, lock_step=lock_step, notify=lambda message: console.print(message, markup=False)
         )
     figures = {
         "simulated_s": float(served.time[-1]),

@@ -51,11 +51,7 @@ class StageKernel:
         self.compiled = compiler is not None
 
     @classmethod
-    def of(
-        cls: type[K],
-        write: Callable[..., casadi.Function | Pipeline],
-        *arguments: Any,
-    ) -> K:
+    def of(cls: type[K], write: Callable[..., casadi.Function | Pipeline], *arguments: Any) -> K:
         """Return the kernel of ``write(*arguments)``, from the cache if it was written before; see :func:`cached`."""
         kernel: K = cached(_write, cls, write, *arguments)
         return kernel

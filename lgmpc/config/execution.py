@@ -125,11 +125,7 @@ class FinishedRun(_Finished):
 
 
 def run_config(
-    config: Config,
-    out: str | Path = "runs",
-    *,
-    notify: Notify = ignore,
-    progress: ProgressReport = ignore,
+    config: Config, out: str | Path = "runs", *, notify: Notify = ignore, progress: ProgressReport = ignore
 ) -> FinishedRun:
     """Run ``config`` and save it as ``out/<time>-<name>/``.
 
@@ -240,11 +236,7 @@ class FinishedSolve(_Finished):
 
 
 def solve_config(
-    config: SolveConfig,
-    out: str | Path = "runs",
-    *,
-    notify: Notify = ignore,
-    progress: IterationReport = ignore,
+    config: SolveConfig, out: str | Path = "runs", *, notify: Notify = ignore, progress: IterationReport = ignore
 ) -> FinishedSolve:
     """Solve the problem of ``config`` and save it as ``out/<time>-<name>/``.
 

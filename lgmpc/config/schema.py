@@ -26,7 +26,7 @@ from lgmpc.mpc import AnyMpcSettings, CentroidalMpcSettings
 from lgmpc.problems import AnyProblemSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.runs import Gate, LogSettings, SolveGate
-from lgmpc.settings import NonNegative, Positive, Problem, Settings, Words, problem, problems
+from lgmpc.settings import NonNegative, Positive, Problem, Settings, Words, key, problem, problems
 from lgmpc.settings.dotted import leaves
 from lgmpc.simulation.disturbances import Push
 from lgmpc.simulation.drives import TimingSettings
@@ -123,13 +123,9 @@ class Change(Settings):
 class ManeuverSource(Settings):
     """A planned motion: a problem that is solved before the loop begins, or the run of one that has been solved."""
 
-    problem: str | None = Field(
-        default=None, description="Config of the problem: a file, or the name of a shipped one such as solo12_jump."
-    )
-    set: dict[str, Any] = Field(
-        default={}, description="Changes of that config, {dotted key: value}, such as {problem.yaw_deg: 90}."
-    )
-    run: str | None = Field(default=None, description="Run folder of a solved problem, in place of a problem.")
+    problem: str | None = key(None, "Config of the problem: a file, or the name of a shipped one such as solo12_jump.")
+    set: dict[str, Any] = key({}, "Changes of that config, {dotted key: value}, such as {problem.yaw_deg: 90}.")
+    run: str | None = key(None, "Run folder of a solved problem, in place of a problem.")
 
     @model_validator(mode="after")
     def _one_of_both(self) -> ManeuverSource:
@@ -143,61 +139,54 @@ class ManeuverSource(Settings):
 class GroundTruth(Settings):
     """No estimator: the controllers receive the simulator's state."""
 
-    kind: Literal["ground_truth"] = Field(default="ground_truth", description="The simulator's exact state.")
+    kind: Literal["ground_truth"] = key("ground_truth", "The simulator's exact state.")
 
 
 class Config(Document):
     """A closed loop: robot, plant, controllers, commands, and criteria of success."""
 
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
-        default=0, description="Seed of all random numbers."
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = key(0, "Seed of all random numbers.")
+    duration_s: Positive = key(10.0, "Simulated time, s.")
+    after_fall_s: NonNegative | None = key(
+        0.5, "Simulated time after a fall at which the run ends, s; null: the run continues."
     )
-    duration_s: Positive = Field(default=10.0, description="Simulated time, s.")
-    after_fall_s: NonNegative | None = Field(
-        default=0.5, description="Simulated time after a fall at which the run ends, s; null: the run continues."
-    )
-    world: WorldSettings = Field(default=FloorSettings(), description="The ground, and where the robot starts on it.")
-    plant: PlantSettings = Field(default=PlantSettings(), description="The plant: physics engine, simulated robot.")
-    timing: TimingSettings = Field(default=TimingSettings(), description="Simulated duration of the computations.")
-    sensors: SensorNoise = Field(default=SensorNoise(), description="Errors of the simulated robot's sensors.")
+    world: WorldSettings = key(FloorSettings(), "The ground, and where the robot starts on it.")
+    plant: PlantSettings = key(PlantSettings(), "The plant: physics engine, simulated robot.")
+    timing: TimingSettings = key(TimingSettings(), "Simulated duration of the computations.")
+    sensors: SensorNoise = key(SensorNoise(), "Errors of the simulated robot's sensors.")
     estimator: Annotated[Union[GroundTruth, LeggedEstimatorSettings], Field(discriminator="kind")] = Field(  # noqa: UP007
         default=GroundTruth(), description="Source of the controllers' state."
     )
-    mpc: AnyMpcSettings = Field(default=CentroidalMpcSettings(), description="The predictive controller.")
-    wbc: WholeBodySettings = Field(default=WholeBodySettings(), description="The whole-body controller.")
+    mpc: AnyMpcSettings = key(CentroidalMpcSettings(), "The predictive controller.")
+    wbc: WholeBodySettings = key(WholeBodySettings(), "The whole-body controller.")
     reference: Annotated[Union[StandReference, CircleReference], Field(discriminator="kind")] = Field(  # noqa: UP007
         default=StandReference(), description="Motion of the centre of mass relative to the commanded one."
     )
-    commands: Timeline = Field(default=(), description="Motion commands over time; none: stand.")
-    maneuvers: dict[str, ManeuverSource] = Field(
-        default={}, description="Planned motions by name; commands call them by their key maneuver."
+    commands: Timeline = key((), "Motion commands over time; none: stand.")
+    maneuvers: dict[str, ManeuverSource] = key({}, "Planned motions by name; commands call them by their key maneuver.")
+    locomotion: LocomotionSettings = key(LocomotionSettings(), "Gaits and steps.")
+    delays: DelaySettings = key(DelaySettings(), "Delays that the controller compensates.")
+    joint_friction: JointFrictionSettings | None = key(
+        None, "Estimation of the joints' friction while legs swing; null: that of the model is used."
     )
-    locomotion: LocomotionSettings = Field(default=LocomotionSettings(), description="Gaits and steps.")
-    delays: DelaySettings = Field(default=DelaySettings(), description="Delays that the controller compensates.")
-    joint_friction: JointFrictionSettings | None = Field(
-        default=None,
-        description="Estimation of the joints' friction while legs swing; null: that of the model is used.",
-    )
-    joint_faults: JointFaultSettings | None = Field(
-        default=JointFaultSettings(),
-        description="Detection of weak and dead motors by the motion of the robot, with point feet on legs of three "
+    joint_faults: JointFaultSettings | None = key(
+        JointFaultSettings(),
+        "Detection of weak and dead motors by the motion of the robot, with point feet on legs of three "
         "joints; null: none.",
     )
-    drives: DriveSettings = Field(
-        default=DriveSettings(), description="Gains of the drives' own loop, which holds the motion between ticks."
+    drives: DriveSettings = key(DriveSettings(), "Gains of the drives' own loop, which holds the motion between ticks.")
+    modes: ModeSettings = key(ModeSettings(), "Lying, rising, damping after a fall, recovery.")
+    deployment: DeploymentSettings = key(
+        DeploymentSettings(), "Limits of `lgmpc deploy`, which runs the controllers on a robot."
     )
-    modes: ModeSettings = Field(default=ModeSettings(), description="Lying, rising, damping after a fall, recovery.")
-    deployment: DeploymentSettings = Field(
-        default=DeploymentSettings(), description="Limits of `lgmpc deploy`, which runs the controllers on a robot."
-    )
-    pushes: tuple[Push, ...] = Field(default=(), description="Disturbances.")
-    changes: tuple[Change, ...] = Field(
-        default=(),
-        description="Settings that change during the run, in order of time. New controllers, estimators and sensors "
+    pushes: tuple[Push, ...] = key((), "Disturbances.")
+    changes: tuple[Change, ...] = key(
+        (),
+        "Settings that change during the run, in order of time. New controllers, estimators and sensors "
         "receive all that happened before, so that they continue from where the others are.",
     )
-    gate: Gate = Field(default=Gate(), description="Criteria of success.")
-    log: LogSettings = Field(default=LogSettings(), description="Settings of the saved log.")
+    gate: Gate = key(Gate(), "Criteria of success.")
+    log: LogSettings = key(LogSettings(), "Settings of the saved log.")
 
     @property
     def log_every(self) -> int:
@@ -214,10 +203,10 @@ class Config(Document):
         if self.mpc.enabled:
             pairs.append(("mpc.rate_hz", self.mpc.rate_hz, "wbc.rate_hz", self.wbc.rate_hz))
         found = []
-        for key, slow, fast_key, fast in pairs:
+        for name, slow, fast_key, fast in pairs:
             ratio = fast / slow
             if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-9 * ratio:
-                found.append(Problem(key, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
+                found.append(Problem(name, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
         if self.commands and not self.mpc.enabled:
             words = "true if there are commands: without a plan the robot only stands"
             found.append(Problem("mpc.enabled", False, words))
@@ -245,10 +234,10 @@ class Config(Document):
                 words = f"a time after {last:g} s and before duration_s ({self.duration_s:g})"
                 raise problem(words, key=f"changes.{i}.at_s", got=change.at_s)
             table = f"changes.{i}.set"
-            for key, value in leaves(change.set):
-                if key.split(".")[0] not in WHILE_RUNNING or key.startswith(_FROM_THE_START):
-                    words = f"no change during a run, as of {_changeable(part, key)}"
-                    raise problem(words, f"{table}.{key}", Words(value))
+            for name, value in leaves(change.set):
+                if name.split(".")[0] not in WHILE_RUNNING or name.startswith(_FROM_THE_START):
+                    words = f"no change during a run, as of {_changeable(part, name)}"
+                    raise problem(words, f"{table}.{name}", Words(value))
             try:
                 following = part.replace(change.set)
             except InputError as error:
@@ -285,8 +274,8 @@ class SolveConfig(Document):
     """A trajectory to optimise: robot, problem, solver, and criteria of success."""
 
     problem: AnyProblemSettings = Field(description="The optimal control problem.")
-    solver: AnySolverSettings = Field(default=FddpSettings(), description="The solver.")
-    gate: SolveGate = Field(default=SolveGate(), description="Criteria of success.")
+    solver: AnySolverSettings = key(FddpSettings(), "The solver.")
+    gate: SolveGate = key(SolveGate(), "Criteria of success.")
 
 
 def json_schema_text() -> str:

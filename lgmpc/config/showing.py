@@ -18,16 +18,7 @@ from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.runs.forensics import Explanation, explain_run
 from lgmpc.runs.limited import Nearest, figure_margin
-from lgmpc.viz import (
-    Plots,
-    embed_page,
-    in_notebook,
-    open_page,
-    plot_run,
-    replay_page,
-    run_report,
-    write_page,
-)
+from lgmpc.viz import Plots, embed_page, in_notebook, open_page, plot_run, replay_page, run_report, write_page
 from lgmpc.viz.film import FILM_KINDS, write_film
 from lgmpc.viz.recordings import write_mcap, write_rrd
 from lgmpc.world import World, make_world
@@ -97,11 +88,7 @@ def export(run: str | Path | FinishedRun | FinishedSolve, file: str | Path, tabl
 
 
 def show_solution(
-    scenario: Scenario | Robot,
-    solution: Solution,
-    html: str | Path | None = None,
-    *,
-    history: History | None = None,
+    scenario: Scenario | Robot, solution: Solution, html: str | Path | None = None, *, history: History | None = None
 ) -> Path | None:
     """Replay a solution of a user-defined problem, which no config describes: as :func:`show` does, or ``<name>.html``.
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import Field
 
 from lgmpc.control.interface import Command, zeros
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.robot.actuators import match_joints
-from lgmpc.settings import NonNegative, PerJoint, Settings
+from lgmpc.settings import NonNegative, PerJoint, Settings, key
 from lgmpc.typing import Array
 
 
@@ -19,8 +18,8 @@ class DriveSettings(Settings):
     One gain for all joints, or ``{joint name or pattern: gain}``; 0 where there is none.
     """
 
-    kp_nm_rad: PerJoint[NonNegative] = Field(default=0.0, description="Stiffness, N.m/rad.")
-    kd_nms_rad: PerJoint[NonNegative] = Field(default=0.0, description="Damping, N.m.s/rad.")
+    kp_nm_rad: PerJoint[NonNegative] = key(0.0, "Stiffness, N.m/rad.")
+    kd_nms_rad: PerJoint[NonNegative] = key(0.0, "Damping, N.m.s/rad.")
 
 
 class JointReferences:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from pydantic import Field
 
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import crouching_posture, lying_posture, place_feet
-from lgmpc.settings import Fraction, NonNegative, Positive, Settings
+from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
 from lgmpc.typing import Array
 
 _NEAR = 0.2  # rad from the lying posture, within which the legs move to it directly
@@ -18,16 +17,15 @@ _SHORTEST = 0.3  # s of a stroke of the legs
 class LyingSettings(Settings):
     """Folding of the legs, and durations of rising and lying down."""
 
-    fold_rate_rad_s: Positive = Field(
-        default=1.5,
-        description="Mean rate of the joint with the largest displacement while the legs are folded, rad/s.",
+    fold_rate_rad_s: Positive = key(
+        1.5, "Mean rate of the joint with the largest displacement while the legs are folded, rad/s."
     )
-    clearance_m: NonNegative = Field(default=0.02, description="Height by which the feet are lifted meanwhile, m.")
-    stiffness: Positive = Field(default=3.0, description="Stiffness of the folded legs, in torque limits per rad.")
-    damping_s: Positive = Field(default=0.03, description="Damping of the folded legs, in torque limits per rad/s.")
-    effort_share: Fraction = Field(default=0.9, description="Largest torque of the folding legs, in torque limits.")
-    rise_s: Positive = Field(default=1.5, description="Duration of rising and of lying down, s.")
-    load_s: Positive = Field(default=0.4, description="Duration of loading and unloading of the feet, s.")
+    clearance_m: NonNegative = key(0.02, "Height by which the feet are lifted meanwhile, m.")
+    stiffness: Positive = key(3.0, "Stiffness of the folded legs, in torque limits per rad.")
+    damping_s: Positive = key(0.03, "Damping of the folded legs, in torque limits per rad/s.")
+    effort_share: Fraction = key(0.9, "Largest torque of the folding legs, in torque limits.")
+    rise_s: Positive = key(1.5, "Duration of rising and of lying down, s.")
+    load_s: Positive = key(0.4, "Duration of loading and unloading of the feet, s.")
 
 
 class LegRetraction:
@@ -152,8 +150,4 @@ class RiseMotion:
 
 def least_jerk(x: float) -> tuple[float, float, float]:
     """Return the minimum-jerk position, 0 to 1, at the share ``x`` of the time, and its first two derivatives."""
-    return (
-        x**3 * (10.0 - 15.0 * x + 6.0 * x**2),
-        30.0 * x**2 * (1.0 - x) ** 2,
-        60.0 * x * (1.0 - x) * (1.0 - 2.0 * x),
-    )
+    return (x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x))

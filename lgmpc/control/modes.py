@@ -25,7 +25,7 @@ from pydantic import Field
 
 from lgmpc.control.interface import RobotState
 from lgmpc.control.lying import LyingSettings
-from lgmpc.settings import Fraction, Positive, Settings
+from lgmpc.settings import Fraction, Positive, Settings, key
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 
@@ -45,40 +45,33 @@ _FASTEST_M_S = 1.0
 class FallSettings(Settings):
     """Limits beyond which a robot is damped: its joints have no torque but damping."""
 
-    tilt_deg: Annotated[Positive, Field(le=180.0)] = Field(
-        default=60.0, description="Tilt of the base at which the robot is damped at once, degrees."
+    tilt_deg: Annotated[Positive, Field(le=180.0)] = key(
+        60.0, "Tilt of the base at which the robot is damped at once, degrees."
     )
-    height_share: Fraction = Field(
-        default=0.5,
-        description="Smallest height of the centre of mass above the feet, as a share of that of standing.",
+    height_share: Fraction = key(
+        0.5, "Smallest height of the centre of mass above the feet, as a share of that of standing."
     )
-    low_s: Positive = Field(default=0.1, description="Longest time below that height, s.")
-    height_error_share: Positive = Field(
-        default=0.4, description="Largest error of the height, as a share of the height of standing."
-    )
-    tilt_error_deg: Positive = Field(default=40.0, description="Largest tilt error, degrees.")
-    tracking_s: Positive = Field(default=0.2, description="Longest time with larger errors of height or tilt, s.")
-    unsupported_s: Positive = Field(default=0.25, description="Longest time without measured contact of any foot, s.")
-    failing_s: Positive = Field(
-        default=0.1, description="Longest time without a solution of the whole-body controller, s."
-    )
+    low_s: Positive = key(0.1, "Longest time below that height, s.")
+    height_error_share: Positive = key(0.4, "Largest error of the height, as a share of the height of standing.")
+    tilt_error_deg: Positive = key(40.0, "Largest tilt error, degrees.")
+    tracking_s: Positive = key(0.2, "Longest time with larger errors of height or tilt, s.")
+    unsupported_s: Positive = key(0.25, "Longest time without measured contact of any foot, s.")
+    failing_s: Positive = key(0.1, "Longest time without a solution of the whole-body controller, s.")
 
 
 class ModeSettings(Settings):
     """Lying, rising, fall detection and recovery of a robot."""
 
-    lying: LyingSettings = Field(default=LyingSettings(), description="Lying on the belly, rising and lying down.")
-    fall: FallSettings = Field(default=FallSettings(), description="Fall detection.")
-    rearm: Literal["on_command", "automatic"] = Field(
-        default="on_command",
-        description="Condition for a damped robot that lies still on its belly to move again: on_command (the commanded"
+    lying: LyingSettings = key(LyingSettings(), "Lying on the belly, rising and lying down.")
+    fall: FallSettings = key(FallSettings(), "Fall detection.")
+    rearm: Literal["on_command", "automatic"] = key(
+        "on_command",
+        "Condition for a damped robot that lies still on its belly to move again: on_command (the commanded"
         " mode has changed since it was damped), or automatic.",
     )
-    lie_still_s: Positive = Field(default=0.3, description="Time for which it must lie still, s.")
-    displaced_m: Positive = Field(
-        default=0.05, description="Distance from its place beyond which a foot of a robot at rest steps back, m."
-    )
-    displaced_s: Positive = Field(default=0.3, description="Time for which it stands there before, s.")
+    lie_still_s: Positive = key(0.3, "Time for which it must lie still, s.")
+    displaced_m: Positive = key(0.05, "Distance from its place beyond which a foot of a robot at rest steps back, m.")
+    displaced_s: Positive = key(0.3, "Time for which it stands there before, s.")
 
 
 class Mode(Enum):

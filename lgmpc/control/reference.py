@@ -19,7 +19,7 @@ from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
-from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.settings import NonNegative, Positive, Settings, key
 from lgmpc.typing import Array
 from lgmpc.wbc import Task, WholeBodyTerms
 
@@ -36,7 +36,7 @@ class ComReference(Protocol):
 class StandReference(Settings):
     """Stand still: the centre of mass is at its initial position."""
 
-    kind: Literal["stand"] = Field(default="stand", description="Stand still.")
+    kind: Literal["stand"] = key("stand", "Stand still.")
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return zeros."""
@@ -50,16 +50,12 @@ class CircleReference(Settings):
     It is entered along a spiral whose radius grows smoothly.
     """
 
-    kind: Literal["com_circle"] = Field(default="com_circle", description="Move the centre of mass along a circle.")
-    radius_m: Annotated[Positive, Field(le=10.0)] = Field(
-        default=0.03, description="Radius of the circle, m, at most 10."
-    )
-    frequency_hz: Annotated[Positive, Field(le=100.0)] = Field(
-        default=0.5, description="Turns per second, Hz, at most 100."
-    )
-    start_s: NonNegative = Field(default=1.0, description="Start of the motion, s.")
-    ramp_s: Annotated[Positive, Field(ge=1e-3)] = Field(
-        default=1.0, description="Time over which the radius grows from 0, s, at least 0.001."
+    kind: Literal["com_circle"] = key("com_circle", "Move the centre of mass along a circle.")
+    radius_m: Annotated[Positive, Field(le=10.0)] = key(0.03, "Radius of the circle, m, at most 10.")
+    frequency_hz: Annotated[Positive, Field(le=100.0)] = key(0.5, "Turns per second, Hz, at most 100.")
+    start_s: NonNegative = key(1.0, "Start of the motion, s.")
+    ramp_s: Annotated[Positive, Field(ge=1e-3)] = key(
+        1.0, "Time over which the radius grows from 0, s, at least 0.001."
     )
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:

@@ -118,8 +118,7 @@ def _turning() -> tuple[Array, Array, Array]:
     starts = np.concatenate((rolls, np.diag([1.0, -1.0, -1.0])[None], random))
     controller, still = GeometricController(_QUADROTOR, hover()), ca.DM.zeros(3)
     body = torque_free_body(
-        _QUADROTOR.inertia,
-        body_force=lambda s: controller.moment(s.pose, s.velocity, ca.DM.eye(3), still, still),
+        _QUADROTOR.inertia, body_force=lambda s: controller.moment(s.pose, s.velocity, ca.DM.eye(3), still, still)
     )
     motions = [body.simulate(rotation, np.zeros(3), step=2e-3, steps=1500) for rotation in starts]
     return motions[0].times, np.array([m.poses for m in motions]), np.array([m.velocities for m in motions])

@@ -43,11 +43,7 @@ class _Case:
 _CASES = (
     _Case("free", free_body(_BOX), 6),
     _Case("in gravity", free_body(_BOX, GRAVITY), 3),
-    _Case(
-        "on an elastic, level plane",
-        free_body(_BOX, GRAVITY, potential=lambda s: 60.0 * s.pose[2, 3] ** 2),
-        3,
-    ),
+    _Case("on an elastic, level plane", free_body(_BOX, GRAVITY, potential=lambda s: 60.0 * s.pose[2, 3] ** 2), 3),
     _Case(
         "in a round bowl",
         free_body(_BOX, GRAVITY, potential=lambda s: 20.0 * ca.sumsqr(s.pose[:2, 3]) + 60.0 * s.pose[2, 3] ** 2),

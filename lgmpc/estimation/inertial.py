@@ -15,13 +15,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, number, three, whole
 from lgmpc.lie import checks, coefficients, so3
 from lgmpc.lie.coefficients import b_c
-from lgmpc.settings import Noise, Settings
+from lgmpc.settings import Noise, Settings, key
 from lgmpc.typing import Array
 
 
@@ -31,17 +30,13 @@ class ImuNoise(Settings):
     The random walk of a bias integrates white noise: it adds ``density^2 dt`` to the bias's variance.
     """
 
-    gyro_noise_rad_s_rt_hz: Noise = Field(
-        default=1e-4, description="Density of the gyro's white noise, rad/s/sqrt(Hz)."
+    gyro_noise_rad_s_rt_hz: Noise = key(1e-4, "Density of the gyro's white noise, rad/s/sqrt(Hz).")
+    gyro_bias_walk_rad_s2_rt_hz: Noise = key(
+        1e-5, "Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
     )
-    gyro_bias_walk_rad_s2_rt_hz: Noise = Field(
-        default=1e-5, description="Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
-    )
-    accelerometer_noise_m_s2_rt_hz: Noise = Field(
-        default=3e-4, description="Density of the accelerometer's white noise, m/s2/sqrt(Hz)."
-    )
-    accelerometer_bias_walk_m_s3_rt_hz: Noise = Field(
-        default=1e-4, description="Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
+    accelerometer_noise_m_s2_rt_hz: Noise = key(3e-4, "Density of the accelerometer's white noise, m/s2/sqrt(Hz).")
+    accelerometer_bias_walk_m_s3_rt_hz: Noise = key(
+        1e-4, "Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
     )
 
     @property

@@ -15,7 +15,7 @@ from lgmpc.errors import InputError
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP
 from lgmpc.robot.symbolic import ContactPoints
-from lgmpc.settings import Positive, Settings
+from lgmpc.settings import Positive, Settings, key
 from lgmpc.typing import GRAVITY, Array
 
 _SMOOTHED_S, _REMEMBERED_S, _STEADY_S = 0.01, 0.025, 1.0
@@ -36,8 +36,8 @@ _STRETCHED = 0.006
 class JointFaultSettings(Settings):
     """Detection of motors that have lost a part of their torque."""
 
-    confirm_s: Annotated[Positive, Field(le=1.0)] = Field(
-        default=0.03, description="Time for which a lost torque has to explain the motion until it is acted on, s."
+    confirm_s: Annotated[Positive, Field(le=1.0)] = key(
+        0.03, "Time for which a lost torque has to explain the motion until it is acted on, s."
     )
 
 

@@ -14,7 +14,7 @@ from lgmpc.control.interface import RobotState
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, instance, number
 from lgmpc.robot import Robot
-from lgmpc.settings import Fraction, Positive, Settings
+from lgmpc.settings import Fraction, Positive, Settings, key
 from lgmpc.typing import Array, BoolArray
 
 _MOVING = 1.0  # rad/s: from here on the smoothed sign of a speed is one, and noise does not change it
@@ -25,19 +25,15 @@ _CLEAR_S = 0.01  # s from the last contact of a foot, or command to carry, until
 class JointFrictionSettings(Settings):
     """Estimation of the friction of the joints."""
 
-    memory_s: Positive = Field(
-        default=1.0, description="Time over which a joint's torques are compared, s of its motion in the air."
-    )
-    excitation_s: Annotated[Positive, Field(le=10.0)] = Field(
-        default=0.1,
-        description="Fast motion of a joint in the air that an estimate requires, in each direction, s; motion in one"
+    memory_s: Positive = key(1.0, "Time over which a joint's torques are compared, s of its motion in the air.")
+    excitation_s: Annotated[Positive, Field(le=10.0)] = key(
+        0.1,
+        "Fast motion of a joint in the air that an estimate requires, in each direction, s; motion in one"
         " direction cannot distinguish friction from an error of the model.",
     )
-    rise_s: Positive = Field(
-        default=0.05, description="Time constant with which the compensated friction follows the estimate, s."
-    )
-    largest_share: Fraction = Field(
-        default=0.1, description="Upper bound of the estimated friction of a joint, as a share of its torque limit."
+    rise_s: Positive = key(0.05, "Time constant with which the compensated friction follows the estimate, s.")
+    largest_share: Fraction = key(
+        0.1, "Upper bound of the estimated friction of a joint, as a share of its torque limit."
     )
 
 

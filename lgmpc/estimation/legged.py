@@ -26,7 +26,7 @@ from lgmpc.lie import checks, quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP
 from lgmpc.robot.scaling import normal_force_range
-from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero
+from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero, key
 from lgmpc.typing import Array, BoolArray, IntArray
 
 _LOG = logging.getLogger(__name__)
@@ -49,68 +49,61 @@ class LeggedEstimatorSettings(ImuNoise):
     The noise is that assumed by the filter; that of the simulated sensors is in section ``sensors`` of a config.
     """
 
-    kind: Literal["inekf"] = Field(default="inekf", description="Contact-aided invariant extended Kalman filter.")
-    form: Literal["right", "left", "multiplicative"] = Field(
-        default="right", description="Error of the filter: right- or left-invariant, or that of a quaternion filter."
+    kind: Literal["inekf"] = key("inekf", "Contact-aided invariant extended Kalman filter.")
+    form: Literal["right", "left", "multiplicative"] = key(
+        "right", "Error of the filter: right- or left-invariant, or that of a quaternion filter."
     )
-    gyro_bias_rad_s: Noise = Field(
-        default=2e-3, description="Standard deviation of the gyro's bias at the start in each axis, rad/s."
+    gyro_bias_rad_s: Noise = key(2e-3, "Standard deviation of the gyro's bias at the start in each axis, rad/s.")
+    accelerometer_bias_m_s2: Noise = key(
+        0.05, "Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
     )
-    accelerometer_bias_m_s2: Noise = Field(
-        default=0.05, description="Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
+    encoder_noise_rad: Noise = key(1e-4, "Standard deviation of a joint angle, rad.")
+    joint_velocity_noise_rad_s: Noise = key(0.02, "Standard deviation of a joint's speed, rad/s.")
+    foot_noise_m: Annotated[Positive, Field(le=1.0)] = key(
+        1e-3, "Standard deviation of the leg kinematics' error in each axis, m."
     )
-    encoder_noise_rad: Noise = Field(default=1e-4, description="Standard deviation of a joint angle, rad.")
-    joint_velocity_noise_rad_s: Noise = Field(default=0.02, description="Standard deviation of a joint's speed, rad/s.")
-    foot_noise_m: Annotated[Positive, Field(le=1.0)] = Field(
-        default=1e-3, description="Standard deviation of the leg kinematics' error in each axis, m."
-    )
-    slip_m_s_rt_hz: Noise = Field(
-        default=2e-3, description="Density of the velocity noise of feet in contact, m/s/sqrt(Hz)."
-    )
-    resting_speed_m_s: Positive = Field(
-        default=7.5e-3,
-        description="Standard deviation of the speed of a resting foot's contact point in each axis, m/s: it deforms,"
+    slip_m_s_rt_hz: Noise = key(2e-3, "Density of the velocity noise of feet in contact, m/s/sqrt(Hz).")
+    resting_speed_m_s: Positive = key(
+        7.5e-3,
+        "Standard deviation of the speed of a resting foot's contact point in each axis, m/s: it deforms,"
         " and is not quite a sphere.",
     )
-    outlier_probability: Annotated[float, Field(strict=True, ge=0.0, le=0.5)] = Field(
-        default=1e-3,
-        description="Probability, under the assumed errors, that a resting foot fails the tests of velocity and"
+    outlier_probability: Annotated[float, Field(strict=True, ge=0.0, le=0.5)] = key(
+        1e-3,
+        "Probability, under the assumed errors, that a resting foot fails the tests of velocity and"
         " innovation. Feet that fail do not correct the estimate. 0: all feet in contact correct it.",
     )
-    rest_s: NonNegative = Field(
-        default=0.02, description="Time for which a foot must pass the tests after it slid until it corrects again, s."
+    rest_s: NonNegative = key(
+        0.02, "Time for which a foot must pass the tests after it slid until it corrects again, s."
     )
-    floor_noise_m: Annotated[Positive, Field(le=1.0)] | None = Field(
-        default=None,
-        description="Standard deviation of the floor's height where a foot touches down, about a level plane, m. null: "
+    floor_noise_m: Annotated[Positive, Field(le=1.0)] | None = key(
+        None,
+        "Standard deviation of the floor's height where a foot touches down, about a level plane, m. null: "
         "the floor is unknown, and the estimated height drifts.",
     )
-    contact_force_n: RangeFromZero | None = Field(
-        default=None,
-        description="Normal force of a foot, from the joint torques: [lift-off below, touchdown above], N. null: 0.12 "
+    contact_force_n: RangeFromZero | None = key(
+        None,
+        "Normal force of a foot, from the joint torques: [lift-off below, touchdown above], N. null: 0.12 "
         "and 0.8 per kg of robot.",
     )
-    external_position_noise_m: Annotated[Positive, Field(le=1.0)] = Field(
-        default=2e-3, description="Standard deviation of an external position in each axis, m."
+    external_position_noise_m: Annotated[Positive, Field(le=1.0)] = key(
+        2e-3, "Standard deviation of an external position in each axis, m."
     )
-    external_rotation_noise_rad: Annotated[Positive, Field(le=1.0)] = Field(
-        default=5e-3, description="Standard deviation of an external orientation in each axis, rad."
+    external_rotation_noise_rad: Annotated[Positive, Field(le=1.0)] = key(
+        5e-3, "Standard deviation of an external orientation in each axis, rad."
     )
-    external_velocity_noise_m_s: Annotated[Positive, Field(le=10.0)] = Field(
-        default=0.03, description="Standard deviation of an external velocity in each axis, m/s."
+    external_velocity_noise_m_s: Annotated[Positive, Field(le=10.0)] = key(
+        0.03, "Standard deviation of an external velocity in each axis, m/s."
     )
     replace_implausible: bool = Field(
         default=True,
         strict=True,
         description="Whether readings that contradict what joints and a trunk can do within a tick are replaced.",
     )
-    start_tilt_rad: Noise = Field(
-        default=0.01,
-        description="Standard deviation of the first roll and pitch, which are the accelerometer's, rad.",
+    start_tilt_rad: Noise = key(
+        0.01, "Standard deviation of the first roll and pitch, which are the accelerometer's, rad."
     )
-    start_velocity_m_s: Noise = Field(
-        default=0.01, description="Standard deviation of the first velocity, about zero, m/s."
-    )
+    start_velocity_m_s: Noise = key(0.01, "Standard deviation of the first velocity, about zero, m/s.")
 
 
 class _External:
@@ -278,11 +271,7 @@ class LeggedEstimator:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        period: float,
-        settings: LeggedEstimatorSettings | None = None,
-        start: Array | None = None,
+        self, robot: Robot, period: float, settings: LeggedEstimatorSettings | None = None, start: Array | None = None
     ) -> None:
         settings = LeggedEstimatorSettings() if settings is None else settings
         instance("robot", robot, Robot)

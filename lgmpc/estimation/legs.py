@@ -50,13 +50,7 @@ class LegSensing:
         InputError: a robot of another kind, a period that is not positive, or negative noise.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        period: float,
-        encoder_noise: float,
-        foot_noise: float,
-    ) -> None:
+    def __init__(self, robot: Robot, period: float, encoder_noise: float, foot_noise: float) -> None:
         instance("robot", robot, Robot)
         if not robot.floating_base or robot.nq - 7 != robot.nu or robot.nc == 0:
             expected = "a robot with a floating base, joints of one coordinate each, and contact frames"

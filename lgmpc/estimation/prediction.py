@@ -12,7 +12,7 @@ from pydantic import Field
 from lgmpc.control.interface import RobotState
 from lgmpc.estimation.checks import duration_of, instance
 from lgmpc.robot import Robot
-from lgmpc.settings import Settings
+from lgmpc.settings import Settings, key
 from lgmpc.typing import Array
 
 _SAME_TIME = 1e-9  # s
@@ -22,10 +22,10 @@ Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)
 class DelaySettings(Settings):
     """Delays that the controller assumes and compensates, whatever those of the robot are."""
 
-    measurement_s: Delay = Field(default=0.0, description="Age of a state when the controller receives it, s.")
-    command_s: Delay = Field(
-        default=0.0,
-        description="Time from a state's arrival until the command computed from it acts, s: computing, the link to the"
+    measurement_s: Delay = key(0.0, "Age of a state when the controller receives it, s.")
+    command_s: Delay = key(
+        0.0,
+        "Time from a state's arrival until the command computed from it acts, s: computing, the link to the"
         " drives, and the lag of the drives.",
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.control.interface import Command, Measurement
-from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.settings import NonNegative, Positive, Settings, key
 from lgmpc.typing import Array
 
 _SERIES = 3
@@ -24,49 +24,44 @@ _SERIES = 3
 class DeploymentSettings(Settings):
     """Limits of the loop that runs a controller on a robot in real time, and the loop's rights on this machine."""
 
-    silence_s: Positive = Field(
-        default=0.02, description="Time without a measurement after which the joints are damped, s."
+    silence_s: Positive = key(0.02, "Time without a measurement after which the joints are damped, s.")
+    lost_s: Positive = key(1.0, "Time without a measurement after which the run ends, s.")
+    damping_nms: Positive = key(
+        0.1, "Damping of each joint, N.m.s, while there is no valid command, and after the run."
     )
-    lost_s: Positive = Field(default=1.0, description="Time without a measurement after which the run ends, s.")
-    damping_nms: Positive = Field(
-        default=0.1, description="Damping of each joint, N.m.s, while there is no valid command, and after the run."
+    soft_start_s: NonNegative = key(
+        0.0, "Time in which torques and gains rise from those of damped joints at the start, s."
     )
-    soft_start_s: NonNegative = Field(
-        default=0.0, description="Time in which torques and gains rise from those of damped joints at the start, s."
-    )
-    lie_down_s: NonNegative = Field(
-        default=0.0,
-        description="Time for lying down after the duration, or at the user's request, before the joints are damped, s."
+    lie_down_s: NonNegative = key(
+        0.0,
+        "Time for lying down after the duration, or at the user's request, before the joints are damped, s."
         " Not part of the run that is judged.",
     )
-    max_torque_share: Positive = Field(
-        default=1.0, description="Feed-forward torque over the joint's limit; a greater one is cut."
+    max_torque_share: Positive = key(1.0, "Feed-forward torque over the joint's limit; a greater one is cut.")
+    max_speed_share: Positive | None = key(
+        2.0, "Speed of a joint over the robot's limit that stops the robot; null: any speed."
     )
-    max_speed_share: Positive | None = Field(
-        default=2.0, description="Speed of a joint over the robot's limit that stops the robot; null: any speed."
+    max_temperature_c: Positive = key(
+        80.0, "Temperature of a motor that stops the robot, where it is measured, degrees Celsius."
     )
-    max_temperature_c: Positive = Field(
-        default=80.0, description="Temperature of a motor that stops the robot, where it is measured, degrees Celsius."
-    )
-    max_rms_torque_share: Positive | None = Field(
-        default=None,
-        description="RMS of a joint's torque over its limit that stops the robot, averaged over rms_torque_s; null: any"
+    max_rms_torque_share: Positive | None = key(
+        None,
+        "RMS of a joint's torque over its limit that stops the robot, averaged over rms_torque_s; null: any"
         " torque for any time.",
     )
-    rms_torque_s: Positive = Field(default=10.0, description="Time constant of that average, s.")
-    priority: Annotated[int, Field(strict=True, ge=0, le=99)] = Field(
-        default=0,
-        description="Real-time priority (SCHED_FIFO) of the loop, whose memory is locked then; 0: that of any program.",
+    rms_torque_s: Positive = key(10.0, "Time constant of that average, s.")
+    priority: Annotated[int, Field(strict=True, ge=0, le=99)] = key(
+        0, "Real-time priority (SCHED_FIFO) of the loop, whose memory is locked then; 0: that of any program."
     )
-    planning: Literal["in_tick", "after_command", "own_process"] = Field(
-        default="after_command",
-        description="When the MPC plans: before the command of its tick, as in a simulation; after that command, which"
+    planning: Literal["in_tick", "after_command", "own_process"] = key(
+        "after_command",
+        "When the MPC plans: before the command of its tick, as in a simulation; after that command, which"
         " follows the plan before, except where steps against pushes are forecast (locomotion.reaction), which need the"
         " plan at once; or in a process of its own, for which the loop does not wait: for models whose update takes"
         " longer than a tick.",
     )
-    cores: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = Field(
-        default=(), description="Processor cores that the loop may use; none named: all."
+    cores: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = key(
+        (), "Processor cores that the loop may use; none named: all."
     )
 
 
@@ -184,12 +179,12 @@ class Keys(Operator):
         super().poll()
         if not select.select([self._input], [], [], 0.0)[0]:
             return
-        for key in os.read(self._input, 64).decode(errors="ignore").lower():
-            if key == " ":
+        for pressed in os.read(self._input, 64).decode(errors="ignore").lower():
+            if pressed == " ":
                 self.stop = "emergency stop by key"
-            elif key in "ad":
-                self.armed = key == "a"
-            elif key == "l":
+            elif pressed in "ad":
+                self.armed = pressed == "a"
+            elif pressed == "l":
                 self.lies = True
 
     @classmethod

@@ -7,11 +7,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.locomotion.gait import Gait
-from lgmpc.settings import NonNegative, Settings
+from lgmpc.settings import NonNegative, Settings, key
 from lgmpc.typing import BoolArray
 
 _SLACK = 1e-9  # s
@@ -20,8 +19,8 @@ _SLACK = 1e-9  # s
 class GaitClockSettings(Settings):
     """Constraints on gait transitions."""
 
-    min_stance_s: NonNegative = Field(
-        default=0.04, description="Shortest stance before a lift-off that a transition or a delay schedules, s."
+    min_stance_s: NonNegative = key(
+        0.04, "Shortest stance before a lift-off that a transition or a delay schedules, s."
     )
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Protocol, get_args
 from pydantic import AfterValidator, Field, field_validator
 
 from lgmpc.errors import InputError
-from lgmpc.settings import Finite, NonNegative, Positive, Problem, Settings, Vector3, problem, problems
+from lgmpc.settings import Finite, NonNegative, Positive, Problem, Settings, Vector3, key, problem, problems
 
 ModeRequest = Literal["stand", "lie", "damp"]
 """Modes that a command can request."""
@@ -90,25 +90,18 @@ class CommandEntry(Settings):
     """A change of the command at a time; omitted quantities are unchanged."""
 
     at_s: NonNegative = Field(description="Time of the change, s.")
-    velocity_m_s: Vector3 | None = Field(default=None, description="[ahead, left, 0] in the frame of the base, m/s.")
-    yaw_rate_rad_s: Finite | None = Field(default=None, description="To the left, rad/s.")
-    height_m: Finite | None = Field(
-        default=None, description="Of the base above the feet relative to the reference posture, m."
+    velocity_m_s: Vector3 | None = key(None, "[ahead, left, 0] in the frame of the base, m/s.")
+    yaw_rate_rad_s: Finite | None = key(None, "To the left, rad/s.")
+    height_m: Finite | None = key(None, "Of the base above the feet relative to the reference posture, m.")
+    pitch_rad: Annotated[float, Field(strict=True, ge=-1.0, le=1.0)] | None = key(None, "Of the base, rad.")
+    roll_rad: Annotated[float, Field(strict=True, ge=-1.0, le=1.0)] | None = key(None, "Of the base, rad.")
+    gait: Annotated[str, Field(min_length=1)] | None = key(None, "Name of the gait.")
+    mode: ModeRequest | None = key(
+        None, "stand: on the feet, moving as commanded; lie: on the belly; damp: no torque, the emergency stop."
     )
-    pitch_rad: Annotated[float, Field(strict=True, ge=-1.0, le=1.0)] | None = Field(
-        default=None, description="Of the base, rad."
-    )
-    roll_rad: Annotated[float, Field(strict=True, ge=-1.0, le=1.0)] | None = Field(
-        default=None, description="Of the base, rad."
-    )
-    gait: Annotated[str, Field(min_length=1)] | None = Field(default=None, description="Name of the gait.")
-    mode: ModeRequest | None = Field(
-        default=None,
-        description="stand: on the feet, moving as commanded; lie: on the belly; damp: no torque, the emergency stop.",
-    )
-    maneuver: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None,
-        description="Name of a planned motion of section maneuvers, performed once; a robot that walks comes to rest"
+    maneuver: Annotated[str, Field(min_length=1)] | None = key(
+        None,
+        "Name of a planned motion of section maneuvers, performed once; a robot that walks comes to rest"
         " before, and goes on as commanded afterwards.",
     )
 
@@ -200,12 +193,12 @@ class CommandTimeline:
 class CommandLimits(Settings):
     """Limits of commands and of their rates."""
 
-    speed_m_s: Positive = Field(default=3.0, description="Largest velocity in the plane, m/s.")
-    yaw_rate_rad_s: Positive = Field(default=4.0, description="Largest yaw rate, rad/s.")
-    acceleration_m_s2: Positive = Field(default=1.0, description="Of the velocity in the plane, m/s2.")
-    yaw_acceleration_rad_s2: Positive = Field(default=4.0, description="Of the yaw rate, rad/s2.")
-    height_rate_m_s: Positive = Field(default=0.1, description="Of the height, m/s.")
-    attitude_rate_rad_s: Positive = Field(default=0.5, description="Of pitch and roll, rad/s.")
+    speed_m_s: Positive = key(3.0, "Largest velocity in the plane, m/s.")
+    yaw_rate_rad_s: Positive = key(4.0, "Largest yaw rate, rad/s.")
+    acceleration_m_s2: Positive = key(1.0, "Of the velocity in the plane, m/s2.")
+    yaw_acceleration_rad_s2: Positive = key(4.0, "Of the yaw rate, rad/s2.")
+    height_rate_m_s: Positive = key(0.1, "Of the height, m/s.")
+    attitude_rate_rad_s: Positive = key(0.5, "Of pitch and roll, rad/s.")
 
 
 @dataclass(frozen=True, slots=True)

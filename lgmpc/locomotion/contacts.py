@@ -16,10 +16,9 @@ from collections.abc import Callable
 from enum import Enum
 
 import numpy as np
-from pydantic import Field
 
 from lgmpc.locomotion.clock import GaitClock
-from lgmpc.settings import Fraction, NonNegative, Positive, Settings
+from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
 from lgmpc.typing import GRAVITY, BoolArray
 
 _SAME_TIME = 1e-9  # s
@@ -29,38 +28,29 @@ _SEARCH_SHARE = 0.55  # of sqrt(h / g)
 class ContactEventSettings(Settings):
     """Conditions under which a measurement overrides the schedule."""
 
-    early_share: Fraction = Field(
-        default=0.5, description="Share of a swing before which a measured contact is not a touchdown but the lift-off."
+    early_share: Fraction = key(
+        0.5, "Share of a swing before which a measured contact is not a touchdown but the lift-off."
     )
-    touch_time_s: NonNegative = Field(
-        default=0.003, description="Time for which a contact must be measured to be accepted, s."
-    )
-    lost_time_s: NonNegative = Field(
-        default=0.03, description="Time without measured contact after which a stance foot counts as lost, s."
-    )
-    touchdown_tolerance_s: NonNegative = Field(
-        default=0.005,
-        description="Where measurements are older than decisions: how long after a scheduled touchdown no contact is"
+    touch_time_s: NonNegative = key(0.003, "Time for which a contact must be measured to be accepted, s.")
+    lost_time_s: NonNegative = key(0.03, "Time without measured contact after which a stance foot counts as lost, s.")
+    touchdown_tolerance_s: NonNegative = key(
+        0.005,
+        "Where measurements are older than decisions: how long after a scheduled touchdown no contact is"
         " measured until the foot, which carries meanwhile, counts as late, s.",
     )
-    lookahead_s: Positive = Field(
-        default=0.004, description="Time from now at which a late foot is expected to touch down, s."
+    lookahead_s: Positive = key(0.004, "Time from now at which a late foot is expected to touch down, s.")
+    max_late_s: NonNegative = key(
+        0.01, "Longest delay of the schedule for a late foot; then it continues without that foot, s."
     )
-    max_late_s: NonNegative = Field(
-        default=0.01,
-        description="Longest delay of the schedule for a late foot; then it continues without that foot, s.",
-    )
-    max_search_s: NonNegative | None = Field(
-        default=None,
-        description="The same for a foot below the height at which it should have found the ground: a push makes feet"
+    max_search_s: NonNegative | None = key(
+        None,
+        "The same for a foot below the height at which it should have found the ground: a push makes feet"
         " late, but only a hole takes them there, s. null: 0.55 of sqrt(h / g), the time in which a pendulum of the"
         " robot's height falls.",
     )
-    ramp_s: NonNegative = Field(
-        default=0.025, description="Time in which the force bound of a foot opens after touchdown, s."
-    )
-    release_s: NonNegative = Field(
-        default=0.0, description="Time in which the force bound of a foot closes before the scheduled lift-off, s."
+    ramp_s: NonNegative = key(0.025, "Time in which the force bound of a foot opens after touchdown, s.")
+    release_s: NonNegative = key(
+        0.0, "Time in which the force bound of a foot closes before the scheduled lift-off, s."
     )
 
 

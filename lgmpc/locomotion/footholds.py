@@ -34,7 +34,7 @@ from pydantic import Field
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
-from lgmpc.settings import Fraction, NonNegative, Settings
+from lgmpc.settings import Fraction, NonNegative, Settings, key
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world import Plane
 
@@ -55,18 +55,12 @@ Point = tuple[float, float]
 class FootholdSettings(Settings):
     """Feedback gains of footholds, and their bounds relative to the hips."""
 
-    feedback: NonNegative = Field(
-        default=1.0, description="Feedback of the velocity error, in units of the pendulum's dead-beat gain."
-    )
-    position_feedback: NonNegative = Field(
-        default=0.7, description="Shift of footholds per position error of the centre of mass."
-    )
-    centrifugal: NonNegative = Field(
-        default=1.0, description="Outward shift in a turn, in units of that of the centripetal acceleration."
-    )
-    reach_share: Fraction | None = Field(
-        default=None,
-        description="Longest distance from hip to foothold, as a share of the stretched leg's length. null: 0.92, to"
+    feedback: NonNegative = key(1.0, "Feedback of the velocity error, in units of the pendulum's dead-beat gain.")
+    position_feedback: NonNegative = key(0.7, "Shift of footholds per position error of the centre of mass.")
+    centrifugal: NonNegative = key(1.0, "Outward shift in a turn, in units of that of the centripetal acceleration.")
+    reach_share: Fraction | None = key(
+        None,
+        "Longest distance from hip to foothold, as a share of the stretched leg's length. null: 0.92, to"
         " the ankle of a sole 0.98.",
     )
     side_share: float = Field(
@@ -77,11 +71,9 @@ class FootholdSettings(Settings):
         description="Least distance of a foot from the base's middle plane on its own side, as a share of that in the"
         " reference posture; negative: largest distance on the other side.",
     )
-    spacing_share: Fraction = Field(
-        default=0.3, description="Shortest distance between two feet, as a share of the stretched leg's length."
-    )
-    error_decay_s: NonNegative = Field(
-        default=0.15, description="Time in which velocity errors are predicted to decay after the present swing, s."
+    spacing_share: Fraction = key(0.3, "Shortest distance between two feet, as a share of the stretched leg's length.")
+    error_decay_s: NonNegative = key(
+        0.15, "Time in which velocity errors are predicted to decay after the present swing, s."
     )
 
 

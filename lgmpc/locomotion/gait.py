@@ -15,7 +15,7 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from lgmpc.errors import InputError
-from lgmpc.settings import Settings, problem
+from lgmpc.settings import Settings, key, problem
 from lgmpc.typing import GRAVITY
 
 _SLACK = 1e-9  # of a cycle
@@ -36,9 +36,9 @@ class Gait(Settings):
     offsets: tuple[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)], ...] = Field(
         description="For each foot, the share of the cycle at which it lifts off."
     )
-    width: Annotated[float, Field(strict=True, gt=0.0, le=2.0)] = Field(
-        default=1.0,
-        description="Lateral distance of the footholds, as a share of that in the reference posture; gaits that stand"
+    width: Annotated[float, Field(strict=True, gt=0.0, le=2.0)] = key(
+        1.0,
+        "Lateral distance of the footholds, as a share of that in the reference posture; gaits that stand"
         " on one side at a time require narrow steps.",
     )
 
@@ -103,9 +103,7 @@ _QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], 
 
 
 # Of left and right foot.
-_BIPED: Mapping[str, tuple[float, float, tuple[float, float], float]] = {
-    "walk": (2.4, 0.6, (0.0, 0.5), 0.5),
-}
+_BIPED: Mapping[str, tuple[float, float, tuple[float, float], float]] = {"walk": (2.4, 0.6, (0.0, 0.5), 0.5)}
 
 
 def biped_gaits(height_m: float) -> dict[str, Gait]:

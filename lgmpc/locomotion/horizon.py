@@ -75,8 +75,5 @@ class MotionReference:
         """Return buffers that hold the reference posture at rest, the centre of mass (3,) at ``com``."""
         nodes = intervals + 1
         return cls(
-            np.tile(com, (nodes, 1)),
-            np.zeros((nodes, 3)),
-            np.tile(robot.q_reference, (nodes, 1)),
-            np.zeros((nodes, 3)),
+            np.tile(com, (nodes, 1)), np.zeros((nodes, 3)), np.tile(robot.q_reference, (nodes, 1)), np.zeros((nodes, 3))
         )

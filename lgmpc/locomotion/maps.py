@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from lgmpc.lie import quaternion
-from lgmpc.settings import Extension, NonNegative, Positive, Settings, Vector3
+from lgmpc.settings import Extension, NonNegative, Positive, Settings, Vector3, key
 from lgmpc.typing import Array, BoolArray
 
 _HALF_WIDTH = 5.0  # of the grid, in heights of the centre of mass
@@ -50,53 +50,47 @@ class ElevationMap(Protocol):
 class NoMap(Settings):
     """The ground is known from touchdowns only."""
 
-    kind: Literal["none"] = Field(default="none", description="No map: the ground is known from touchdowns only.")
+    kind: Literal["none"] = key("none", "No map: the ground is known from touchdowns only.")
 
 
 class GridSettings(Settings):
     """Errors and resolution of a map."""
 
-    resolution_m: Positive | None = Field(
-        default=None, description="Distance of the heights, m. null: a twentieth of the height of the centre of mass."
+    resolution_m: Positive | None = key(
+        None, "Distance of the heights, m. null: a twentieth of the height of the centre of mass."
     )
-    noise_m: NonNegative = Field(default=0.0, description="Standard deviation of every height, m.")
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = Field(
-        default=None, description="Seed of errors; null: that of the run."
+    noise_m: NonNegative = key(0.0, "Standard deviation of every height, m.")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = key(
+        None, "Seed of errors; null: that of the run."
     )
 
 
 class KnownMapSettings(GridSettings):
     """The simulated ground, with errors."""
 
-    kind: Literal["known"] = Field(default="known", description="The simulated ground, with errors.")
-    offset_m: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Position of the map relative to the ground [x, y, z], m."
-    )
-    drift_m_per_m: NonNegative = Field(
-        default=0.0, description="Growth of a horizontal offset in a random direction per way of the robot, m/m."
+    kind: Literal["known"] = key("known", "The simulated ground, with errors.")
+    offset_m: Vector3 = key((0.0, 0.0, 0.0), "Position of the map relative to the ground [x, y, z], m.")
+    drift_m_per_m: NonNegative = key(
+        0.0, "Growth of a horizontal offset in a random direction per way of the robot, m/m."
     )
 
 
 class SeenMapSettings(GridSettings):
     """Ground that a simulated depth sensor has seen, put where the robot believed to be then."""
 
-    kind: Literal["elevation"] = Field(
-        default="elevation", description="What a simulated depth sensor has seen of the ground."
+    kind: Literal["elevation"] = key("elevation", "What a simulated depth sensor has seen of the ground.")
+    rate_hz: Positive = key(10.0, "Of the sensor, Hz.")
+    range_m: Positive | None = key(
+        None, "Longest distance that it sees, m. null: five times the height of the centre of mass."
     )
-    rate_hz: Positive = Field(default=10.0, description="Of the sensor, Hz.")
-    range_m: Positive | None = Field(
-        default=None, description="Longest distance that it sees, m. null: five times the height of the centre of mass."
-    )
-    above_m: NonNegative | None = Field(
-        default=None, description="Its place above the base, m. null: half the height of the centre of mass."
-    )
+    above_m: NonNegative | None = key(None, "Its place above the base, m. null: half the height of the centre of mass.")
 
 
 class OwnMapSettings(Extension):
     """A map of one's own."""
 
-    kind: Literal["own"] = Field(
-        default="own", description="A class of one's own with update, height and steppable; see lgmpc.locomotion.maps."
+    kind: Literal["own"] = key(
+        "own", "A class of one's own with update, height and steppable; see lgmpc.locomotion.maps."
     )
 
 
@@ -241,11 +235,7 @@ class KnownMap(GridMap):
     """
 
     def __init__(
-        self,
-        truth: Callable[[Array], Array],
-        settings: KnownMapSettings,
-        height: float,
-        rng: np.random.Generator,
+        self, truth: Callable[[Array], Array], settings: KnownMapSettings, height: float, rng: np.random.Generator
     ) -> None:
         cell = _CELL_SHARE * height if settings.resolution_m is None else settings.resolution_m
         super().__init__(cell, _HALF_WIDTH * height, _UNEVEN_SHARE * height + _NOISE_SHARE * settings.noise_m)

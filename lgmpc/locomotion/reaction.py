@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.locomotion.gait import Gait
-from lgmpc.settings import Count, Finite, NonNegative, Positive, Settings
+from lgmpc.settings import Count, Finite, NonNegative, Positive, Settings, key
 from lgmpc.typing import GRAVITY, Array
 
 _COM_RATE = 1.25  # 1/s: what a metre away counts as, in m/s
@@ -22,27 +22,23 @@ class StepReactionSettings(Settings):
     """Thresholds and durations of a standing robot's steps against pushes."""
 
     enabled: bool = Field(default=False, strict=True, description="Whether a standing robot steps against pushes.")
-    margin_m: Finite = Field(
-        default=0.05,
-        description="Step when the forecast capture point is closer than this to the edge of the support, m; negative:"
+    margin_m: Finite = key(
+        0.05,
+        "Step when the forecast capture point is closer than this to the edge of the support, m; negative:"
         " further outside, which steps less often but later, when the robot is faster.",
     )
-    gait: Annotated[str, Field(min_length=1)] = Field(default="trot", description="Name of the gait to step with.")
+    gait: Annotated[str, Field(min_length=1)] = key("trot", "Name of the gait to step with.")
     cycle_shares: Annotated[
         tuple[Annotated[Positive, Field(ge=0.2, le=2.0)], ...], Field(min_length=1, max_length=4)
-    ] = Field(
-        default=(0.75, 0.9),
-        description="Durations of the first cycles to choose from, as shares of the gait's own; each is evaluated with"
+    ] = key(
+        (0.75, 0.9),
+        "Durations of the first cycles to choose from, as shares of the gait's own; each is evaluated with"
         " each group of feet that may lift off first.",
     )
-    cycles: Count = Field(default=2, description="Cycles against the push, before the robot goes back.")
-    return_speed_m_s: NonNegative = Field(
-        default=0.4, description="Speed at which the robot goes back to where it stood, m/s."
-    )
-    return_rate_hz: Positive = Field(default=3.0, description="Rate at which the rest of the way back decays, 1/s.")
-    place_tolerance_m: Positive = Field(
-        default=0.005, description="Distance from where it stood at which the robot stops stepping, m."
-    )
+    cycles: Count = key(2, "Cycles against the push, before the robot goes back.")
+    return_speed_m_s: NonNegative = key(0.4, "Speed at which the robot goes back to where it stood, m/s.")
+    return_rate_hz: Positive = key(3.0, "Rate at which the rest of the way back decays, 1/s.")
+    place_tolerance_m: Positive = key(0.005, "Distance from where it stood at which the robot stops stepping, m.")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from pydantic import Field
 
 from lgmpc.compile import StageKernel
 from lgmpc.locomotion.command import MotionCommand, Ramp
@@ -18,7 +17,7 @@ from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
-from lgmpc.settings import Positive, Settings
+from lgmpc.settings import Positive, Settings, key
 from lgmpc.typing import Array
 
 _LEAD_SHARE = 0.1
@@ -28,14 +27,11 @@ _CONSTANT = Ramp()
 class ReferenceSettings(Settings):
     """Largest distances between desired and measured motion."""
 
-    max_reference_lead_m: Positive | None = Field(
-        default=None,
-        description="Longest horizontal distance from the measured to the desired centre of mass, m. null: a tenth of"
-        " its height.",
+    max_reference_lead_m: Positive | None = key(
+        None,
+        "Longest horizontal distance from the measured to the desired centre of mass, m. null: a tenth of its height.",
     )
-    max_yaw_lead_rad: Positive = Field(
-        default=0.3, description="Largest yaw from the measured to the desired one, rad."
-    )
+    max_yaw_lead_rad: Positive = key(0.3, "Largest yaw from the measured to the desired one, rad.")
 
 
 @dataclass

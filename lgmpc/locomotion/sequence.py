@@ -20,7 +20,7 @@ from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.settings import NonNegative, Positive, Settings, key
 from lgmpc.typing import Array, BoolArray
 
 MOST_INTERVALS = 10_000
@@ -66,8 +66,8 @@ class GaitPhase(Settings):
     """An interval of time with the same feet in the air."""
 
     duration_s: Positive = Field(description="Duration, s.")
-    air: tuple[str, ...] = Field(default=(), description="Contact frames in the air; none: all are on the ground.")
-    height_m: NonNegative = Field(default=0.0, description="Apex of their swings above the straight line, m.")
+    air: tuple[str, ...] = key((), "Contact frames in the air; none: all are on the ground.")
+    height_m: NonNegative = key(0.0, "Apex of their swings above the straight line, m.")
 
 
 @dataclass(frozen=True)

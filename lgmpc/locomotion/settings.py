@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 from typing_extensions import Self
 
 from lgmpc.errors import InputError
@@ -19,29 +19,25 @@ from lgmpc.locomotion.reference import ReferenceSettings
 from lgmpc.locomotion.swing import SwingSettings
 from lgmpc.locomotion.terrain import TerrainBeliefSettings
 from lgmpc.robot import Robot
-from lgmpc.settings import Problem, Settings, problems
+from lgmpc.settings import Problem, Settings, key, problems
 
 
 class LocomotionSettings(Settings):
     """Locomotion of a legged robot: gaits, footholds, swings, contact events, and limits of commands."""
 
-    gaits: tuple[Gait, ...] = Field(
-        default=(), description="Gaits in addition to stand, walk, trot, pace, bound and pronk, or in place of them."
+    gaits: tuple[Gait, ...] = key(
+        (), "Gaits in addition to stand, walk, trot, pace, bound and pronk, or in place of them."
     )
-    clock: GaitClockSettings = Field(default=GaitClockSettings(), description="Gait transitions.")
-    footholds: FootholdSettings = Field(default=FootholdSettings(), description="Footholds.")
-    swing: SwingSettings = Field(default=SwingSettings(), description="Swing trajectories of the feet.")
-    contacts: ContactEventSettings = Field(
-        default=ContactEventSettings(), description="Conditions under which a measured contact overrides the schedule."
+    clock: GaitClockSettings = key(GaitClockSettings(), "Gait transitions.")
+    footholds: FootholdSettings = key(FootholdSettings(), "Footholds.")
+    swing: SwingSettings = key(SwingSettings(), "Swing trajectories of the feet.")
+    contacts: ContactEventSettings = key(
+        ContactEventSettings(), "Conditions under which a measured contact overrides the schedule."
     )
-    terrain: TerrainBeliefSettings = Field(
-        default=TerrainBeliefSettings(), description="Conclusions about the ground from footholds."
-    )
-    reference: ReferenceSettings = Field(default=ReferenceSettings(), description="Integration of commands.")
-    reaction: StepReactionSettings = Field(
-        default=StepReactionSettings(), description="Steps of a standing robot against pushes."
-    )
-    limits: CommandLimits = Field(default=CommandLimits(), description="Limits of commands and of their rates.")
+    terrain: TerrainBeliefSettings = key(TerrainBeliefSettings(), "Conclusions about the ground from footholds.")
+    reference: ReferenceSettings = key(ReferenceSettings(), "Integration of commands.")
+    reaction: StepReactionSettings = key(StepReactionSettings(), "Steps of a standing robot against pushes.")
+    limits: CommandLimits = key(CommandLimits(), "Limits of commands and of their rates.")
 
     @model_validator(mode="after")
     def _distinct_names(self) -> Self:

@@ -18,7 +18,7 @@ from typing import Union
 import numpy as np
 from pydantic import Field
 
-from lgmpc.settings import Fraction, NonNegative, Positive, Settings
+from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
 from lgmpc.typing import GRAVITY, Array
 
 _STEEPEST = 2.0
@@ -66,35 +66,33 @@ Vector = Union[Sequence[float], Array]  # noqa: UP007 - (3,); plain numbers are 
 class SwingSettings(Settings):
     """Shape of the swings."""
 
-    clearance_m: Positive | None = Field(
-        default=None,
-        description="Apex above the higher one of lift-off and target, m; more on rough ground. null: a seventh of the"
+    clearance_m: Positive | None = key(
+        None,
+        "Apex above the higher one of lift-off and target, m; more on rough ground. null: a seventh of the"
         " height of the centre of mass, of soles a third of that, to the millimetre.",
     )
     apex_share: float = Field(
         default=0.45, strict=True, gt=0.05, lt=0.95, description="Share of the swing at which the foot is highest."
     )
-    touchdown_speed_m_s: NonNegative | None = Field(
-        default=None,
-        description="Downward speed at the scheduled touchdown, m/s; less in slow swings, whose feet would rise again"
+    touchdown_speed_m_s: NonNegative | None = key(
+        None,
+        "Downward speed at the scheduled touchdown, m/s; less in slow swings, whose feet would rise again"
         " before. null: 0.4, of soles, whose impact a stretched leg transmits to the trunk, 0.1.",
     )
-    search_speed_m_s: NonNegative | None = Field(
-        default=None,
-        description="Least downward speed of a late foot from the scheduled touchdown on, m/s. null: that of the"
+    search_speed_m_s: NonNegative | None = key(
+        None,
+        "Least downward speed of a late foot from the scheduled touchdown on, m/s. null: that of the"
         " touchdown, of soles 0.4.",
     )
-    search_depth_m: NonNegative | None = Field(
-        default=None,
-        description="How far below its target a late foot searches for the ground, m. null: half the height of the"
+    search_depth_m: NonNegative | None = key(
+        None,
+        "How far below its target a late foot searches for the ground, m. null: half the height of the"
         " centre of mass, of soles a third of that.",
     )
-    freeze_share: Fraction = Field(
-        default=0.8, description="Share of the swing from which the target stays where it is."
-    )
-    acceleration_m_s2: Positive = Field(
-        default=130.0,
-        description="Largest acceleration of a foot in the plane that a swing is planned with, m/s2: longer steps take"
+    freeze_share: Fraction = key(0.8, "Share of the swing from which the target stays where it is.")
+    acceleration_m_s2: Positive = key(
+        130.0,
+        "Largest acceleration of a foot in the plane that a swing is planned with, m/s2: longer steps take"
         " more time, up to longest_share. Robots of any size need the same at the same Froude number.",
     )
     longest_share: float = Field(

@@ -21,7 +21,7 @@ from pydantic import Field
 
 from lgmpc.locomotion.maps import MapSettings, NoMap
 from lgmpc.robot.feet import UP
-from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.settings import NonNegative, Positive, Settings, key
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
 _PERIOD = 5e-3
@@ -37,21 +37,19 @@ _MEMORY_SHARE = 3.0
 class TerrainBeliefSettings(Settings):
     """The ground as a robot believes it to be: conclusions from its footholds, or a map."""
 
-    filter_share: Positive = Field(
-        default=0.5,
-        description="Time constant of the slope, in units of the time in which a pendulum of the robot's height falls,"
+    filter_share: Positive = key(
+        0.5,
+        "Time constant of the slope, in units of the time in which a pendulum of the robot's height falls,"
         " sqrt(h / g).",
     )
-    level_deg: Positive = Field(
-        default=0.75, description="Tilt of the footholds' plane up to which the ground counts as level, degrees."
-    )
+    level_deg: Positive = key(0.75, "Tilt of the footholds' plane up to which the ground counts as level, degrees.")
     steepest_deg: float = Field(
         default=35.0, strict=True, gt=0.0, le=60.0, description="Largest slope of the plane, degrees."
     )
-    map: MapSettings = Field(default=NoMap(), description="What the controller knows of the ground ahead.")
-    edge_margin_m: NonNegative | None = Field(
-        default=None,
-        description="Distance of footholds on a map from edges, besides the foot's radius, m. null: a twentieth of the"
+    map: MapSettings = key(NoMap(), "What the controller knows of the ground ahead.")
+    edge_margin_m: NonNegative | None = key(
+        None,
+        "Distance of footholds on a map from edges, besides the foot's radius, m. null: a twentieth of the"
         " height of the centre of mass.",
     )
 

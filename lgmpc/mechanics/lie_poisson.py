@@ -88,7 +88,6 @@ SE3_DUAL = LiePoisson(SE3, (("l . k", lambda mu: ca.dot(mu[:3], mu[3:])), ("|l|^
 
 
 SEMIDIRECT_DUAL = LiePoisson(
-    SEMIDIRECT,
-    (("pi . Gamma", lambda mu: ca.dot(mu[:3], mu[3:])), ("|Gamma|^2", lambda mu: ca.dot(mu[3:], mu[3:]))),
+    SEMIDIRECT, (("pi . Gamma", lambda mu: ca.dot(mu[:3], mu[3:])), ("|Gamma|^2", lambda mu: ca.dot(mu[3:], mu[3:])))
 )
 """(so(3) x R^3)*, semidirect: the heavy top's (pi, Gamma), with its two Casimirs (chapter 4.17)."""

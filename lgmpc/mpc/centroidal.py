@@ -6,7 +6,6 @@ import time
 from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from lgmpc.actions import CentroidalAction
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
@@ -19,7 +18,7 @@ from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_inte
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
-from lgmpc.settings import NonNegative, Settings, Vector3
+from lgmpc.settings import NonNegative, Settings, Vector3, key
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array
 
@@ -27,18 +26,17 @@ from lgmpc.typing import Array
 class CentroidalSteppingWeights(Settings):
     """Weights that replace those of the cost while a foot is in the air within the horizon."""
 
-    com: Vector3 = Field(
-        default=(1e2, 1e2, 3e3),
-        description="Position of the centre of mass [x, y, z], 1/m2; low in x and y: steps return a pushed robot.",
+    com: Vector3 = key(
+        (1e2, 1e2, 3e3), "Position of the centre of mass [x, y, z], 1/m2; low in x and y: steps return a pushed robot."
     )
 
 
 class CentroidalCatchingWeights(Settings):
     """Weights that replace those of stepping while a robot that stood steps against a push, until it stands again."""
 
-    com: Vector3 = Field(
-        default=(1e2, 1e2, 3e4),
-        description="Position of the centre of mass [x, y, z], 1/m2; high in z: the feet of a robot that rises while it"
+    com: Vector3 = key(
+        (1e2, 1e2, 3e4),
+        "Position of the centre of mass [x, y, z], 1/m2; high in z: the feet of a robot that rises while it"
         " brakes lose the ground.",
     )
 
@@ -46,16 +44,14 @@ class CentroidalCatchingWeights(Settings):
 class CentroidalMpcSettings(MpcSettings):
     """Model-predictive control of the momenta by contact forces over a receding horizon."""
 
-    model: Literal["centroidal"] = Field(default="centroidal", description="Model that predicts.")
-    uprighting_rate_hz: NonNegative = Field(
-        default=10.0, description="Rate at which the plan turns a tilted base upright, 1/s."
+    model: Literal["centroidal"] = key("centroidal", "Model that predicts.")
+    uprighting_rate_hz: NonNegative = key(10.0, "Rate at which the plan turns a tilted base upright, 1/s.")
+    weights: CentroidalWeights = key(CentroidalWeights(), "Weights of the cost.")
+    stepping_weights: CentroidalSteppingWeights = key(
+        CentroidalSteppingWeights(), "Weights of the cost while the robot steps."
     )
-    weights: CentroidalWeights = Field(default=CentroidalWeights(), description="Weights of the cost.")
-    stepping_weights: CentroidalSteppingWeights = Field(
-        default=CentroidalSteppingWeights(), description="Weights of the cost while the robot steps."
-    )
-    catching_weights: CentroidalCatchingWeights = Field(
-        default=CentroidalCatchingWeights(), description="Weights of the cost while it steps against a push."
+    catching_weights: CentroidalCatchingWeights = key(
+        CentroidalCatchingWeights(), "Weights of the cost while it steps against a push."
     )
 
 

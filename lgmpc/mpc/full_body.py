@@ -37,7 +37,7 @@ from lgmpc.mpc.sqp import SqpMpc, input_error, write_intervals
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.scaling import weight_factor
-from lgmpc.settings import Extension, NonNegative, Positive
+from lgmpc.settings import Extension, NonNegative, Positive, key
 from lgmpc.solvers import Solution
 from lgmpc.typing import Array, BoolArray
 
@@ -45,13 +45,11 @@ from lgmpc.typing import Array, BoolArray
 class FullBodyWeights(CentroidalWeights):
     """Weights of the squared deviations that the full-body MPC minimises."""
 
-    base_orientation: NonNegative = Field(default=200.0, description="Rotation of the base, 1/rad2.")
-    posture: NonNegative = Field(default=0.01, description="Joints, from the reference posture, 1/rad2.")
-    swing: NonNegative = Field(default=1e3, description="Feet in the air, from their way to the next foothold, 1/m2.")
-    joint_velocity: NonNegative = Field(default=0.01, description="Speeds of the joints, 1/(rad/s)2.")
-    effort: Positive = Field(
-        default=1e-3, description="Joint torques, from those that hold the posture, 1/(N.m)2 (scaled by mass)."
-    )
+    base_orientation: NonNegative = key(200.0, "Rotation of the base, 1/rad2.")
+    posture: NonNegative = key(0.01, "Joints, from the reference posture, 1/rad2.")
+    swing: NonNegative = key(1e3, "Feet in the air, from their way to the next foothold, 1/m2.")
+    joint_velocity: NonNegative = key(0.01, "Speeds of the joints, 1/(rad/s)2.")
+    effort: Positive = key(1e-3, "Joint torques, from those that hold the posture, 1/(N.m)2 (scaled by mass).")
 
 
 class OwnCost(Extension):
@@ -60,23 +58,21 @@ class OwnCost(Extension):
     Or a function, called with the robot and the arguments, that returns a residual or a :class:`lgmpc.CostItem`.
     """
 
-    weight: Positive = Field(default=1.0, description="Weight of the squared residual; not that of a CostItem.")
+    weight: Positive = key(1.0, "Weight of the squared residual; not that of a CostItem.")
 
 
 class FullBodyMpcSettings(MpcSettings):
     """Model-predictive control of the whole robot by its torques, which have limits as the forces have."""
 
-    model: Literal["full_body"] = Field(default="full_body", description="Model that predicts.")
-    rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = Field(
-        default=50.0, description="Updates per second, Hz, 1 to 10000."
-    )
-    reach_rad: Positive = Field(
-        default=0.9,
-        description="Largest joint displacement of a plan from the reference posture, rad; below that of a stretched"
+    model: Literal["full_body"] = key("full_body", "Model that predicts.")
+    rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = key(50.0, "Updates per second, Hz, 1 to 10000.")
+    reach_rad: Positive = key(
+        0.9,
+        "Largest joint displacement of a plan from the reference posture, rad; below that of a stretched"
         " leg. Beyond it, the centroidal model plans instead.",
     )
-    weights: FullBodyWeights = Field(default=FullBodyWeights(), description="Weights of the cost.")
-    costs: tuple[OwnCost, ...] = Field(default=(), description="Costs of one's own, beside those with weights.")
+    weights: FullBodyWeights = key(FullBodyWeights(), "Weights of the cost.")
+    costs: tuple[OwnCost, ...] = key((), "Costs of one's own, beside those with weights.")
 
 
 class FullBodyMpc(SqpMpc):
@@ -100,10 +96,7 @@ class FullBodyMpc(SqpMpc):
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        settings: FullBodyMpcSettings | None = None,
-        costs: Sequence[CostItem] = (),
+        self, robot: Robot, settings: FullBodyMpcSettings | None = None, costs: Sequence[CostItem] = ()
     ) -> None:
         s = FullBodyMpcSettings() if settings is None else settings
         model, contacts = contact_point_model(robot)
@@ -229,9 +222,7 @@ class FullBodyMpc(SqpMpc):
         com, momentum, vs, forces = self._found.values()
         nodes = self.settings.nodes
         plan = self._make_plan(
-            t,
-            np.hstack([com, momentum]),
-            forces[:nodes].reshape(nodes, -1, 3) * self._flags[:nodes, :, None],
+            t, np.hstack([com, momentum]), forces[:nodes].reshape(nodes, -1, 3) * self._flags[:nodes, :, None]
         )
         return self._with_posture(plan, trajectory.xs[:, : self.robot.nq].copy(), vs.copy())
 

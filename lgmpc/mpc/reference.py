@@ -28,13 +28,7 @@ class CentroidalReference:
         CompileError: the compiler failed.
     """
 
-    def __init__(
-        self,
-        target: Array,
-        mass: float,
-        uprighting_rate: float,
-        node_s: float,
-    ) -> None:
+    def __init__(self, target: Array, mass: float, uprighting_rate: float, node_s: float) -> None:
         nodes = len(target)
         self._motion = tuple(np.zeros((3, nodes, 3)))
         self._attitude, self._rotation, self._inertia = np.zeros(4), np.zeros((3, 3)), np.zeros((3, 3))

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, weight_factor
-from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3
+from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3, key
 
 _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
@@ -27,15 +27,13 @@ class CentroidalWeights(Settings):
     Those of momenta and forces are for a robot of 2.5 kg; they are divided by the square of the mass ratio.
     """
 
-    com: Vector3 = Field(default=(1e3, 1e3, 1e3), description="Position of the centre of mass [x, y, z], 1/m2.")
-    linear_momentum: NonNegative = Field(default=10.0, description="Linear momentum, 1/(kg.m/s)2 (scaled by mass).")
-    angular_momentum: NonNegative = Field(
-        default=10.0, description="Angular momentum about the centre of mass, 1/(kg.m2/s)2 (scaled by mass)."
+    com: Vector3 = key((1e3, 1e3, 1e3), "Position of the centre of mass [x, y, z], 1/m2.")
+    linear_momentum: NonNegative = key(10.0, "Linear momentum, 1/(kg.m/s)2 (scaled by mass).")
+    angular_momentum: NonNegative = key(
+        10.0, "Angular momentum about the centre of mass, 1/(kg.m2/s)2 (scaled by mass)."
     )
-    force: Positive = Field(
-        default=1e-3, description="Contact forces, from an even share of the weight, 1/N2 (scaled by mass)."
-    )
-    terminal: NonNegative = Field(default=10.0, description="Factor on the state's weights at the last node.")
+    force: Positive = key(1e-3, "Contact forces, from an even share of the weight, 1/N2 (scaled by mass).")
+    terminal: NonNegative = key(10.0, "Factor on the state's weights at the last node.")
 
     def state(self, mass: float) -> list[float]:
         """Return the weights of [centre of mass; linear momentum; angular momentum] for a robot of ``mass`` kg."""
@@ -52,47 +50,37 @@ class MpcSettings(Settings):
 
     model: str = Field(description="Predictive model.")
     enabled: bool = Field(default=True, strict=True, description="false: the whole-body controller runs alone.")
-    rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = Field(
-        default=100.0, description="Updates per second, Hz, 1 to 10000."
+    rate_hz: Annotated[Positive, Field(ge=1.0, le=1e4)] = key(100.0, "Updates per second, Hz, 1 to 10000.")
+    nodes: Annotated[int, Field(strict=True, ge=2, le=200)] = key(20, "Number of intervals of the horizon, 2 to 200.")
+    node_s: Annotated[Positive, Field(ge=1e-3, le=1.0)] = key(
+        0.02, "Length of each interval, s, 0.001 to 1: the resolution of contact switches."
     )
-    nodes: Annotated[int, Field(strict=True, ge=2, le=200)] = Field(
-        default=20, description="Number of intervals of the horizon, 2 to 200."
+    friction: Annotated[Positive, Field(ge=0.01, le=5.0)] = key(
+        0.6, "Friction coefficient assumed by the plan, 0.01 to 5."
     )
-    node_s: Annotated[Positive, Field(ge=1e-3, le=1.0)] = Field(
-        default=0.02, description="Length of each interval, s, 0.001 to 1: the resolution of contact switches."
+    normal_force_n: RangeFromZero | None = key(
+        None, "[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 24 per kg of the robot."
     )
-    friction: Annotated[Positive, Field(ge=0.01, le=5.0)] = Field(
-        default=0.6, description="Friction coefficient assumed by the plan, 0.01 to 5."
+    observer_time_s: Annotated[Positive, Field(ge=1e-4)] = key(
+        0.01, "Smallest time constant of the observer of the external wrench, s."
     )
-    normal_force_n: RangeFromZero | None = Field(
-        default=None,
-        description="[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 24 per kg of the robot.",
-    )
-    observer_time_s: Annotated[Positive, Field(ge=1e-4)] = Field(
-        default=0.01, description="Smallest time constant of the observer of the external wrench, s."
-    )
-    observer_noise_share: Annotated[Positive, Field(le=1e3)] = Field(
-        default=0.05,
-        description="Noise of the estimated force, as a share of the robot's weight (standard deviation in each axis), "
+    observer_noise_share: Annotated[Positive, Field(le=1e3)] = key(
+        0.05,
+        "Noise of the estimated force, as a share of the robot's weight (standard deviation in each axis), "
         "beyond which that time constant grows with the noise of the measured velocity.",
     )
-    wrench_decay_s: Annotated[Positive, Field(ge=1e-3)] = Field(
-        default=0.1, description="Time constant of the predicted decay of the estimated wrench, s."
+    wrench_decay_s: Annotated[Positive, Field(ge=1e-3)] = key(
+        0.1, "Time constant of the predicted decay of the estimated wrench, s."
     )
-    stale_after: Count = Field(
-        default=5, description="Number of consecutive failed updates after which the plan is no longer used."
-    )
-    qp_solver: Literal["active_set", "osqp", "piqp"] = Field(
-        default="active_set",
-        description="Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
+    stale_after: Count = key(5, "Number of consecutive failed updates after which the plan is no longer used.")
+    qp_solver: Literal["active_set", "osqp", "piqp"] = key(
+        "active_set",
+        "Solver of each quadratic programme. active_set: lgmpc's own, its Riccati sweep in scalar code for"
         " small stages and in dense blocks for large ones.",
     )
-    sqp_iterations: Count = Field(
-        default=1, description="Quadratic programmes per update; 1 is the real-time iteration."
-    )
-    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = Field(
-        default=None,
-        description="Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4.",
+    sqp_iterations: Count = key(1, "Quadratic programmes per update; 1 is the real-time iteration.")
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = key(
+        None, "Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4."
     )
 
     def normal_force(self, mass: float) -> tuple[float, float]:

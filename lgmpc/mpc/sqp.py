@@ -58,13 +58,7 @@ class SqpMpc(ABC):
         MissingDependencyError: the QP solver is not installed.
     """
 
-    def __init__(
-        self,
-        problem: ShootingProblem,
-        settings: MpcSettings,
-        mass: float,
-        weight: Array,
-    ) -> None:
+    def __init__(self, problem: ShootingProblem, settings: MpcSettings, mass: float, weight: Array) -> None:
         self.settings: MpcSettings = settings
         self.mass = checked_mass(mass)
         self.failures = 0

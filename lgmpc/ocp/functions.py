@@ -66,10 +66,7 @@ class SubproblemFunctions:
 
 
 def _compile(
-    actions: tuple[Action, ...],
-    last: Action,
-    nodes: int,
-    nu: int,
+    actions: tuple[Action, ...], last: Action, nodes: int, nu: int
 ) -> tuple[OcpQpStructure, tuple[BatchKernel, ...], BatchKernel, BatchKernel]:
     """Return the structure and the kernels of actions, terminal cost, retraction."""
     ng = max(action.value_function.size1_out("constraint") for action in actions)

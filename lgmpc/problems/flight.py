@@ -28,7 +28,7 @@ from lgmpc.locomotion.sequence import MOST_INTERVALS
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
-from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Vector3, problem as problem_with
+from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Vector3, key, problem as problem_with
 from lgmpc.typing import GRAVITY, Array
 
 
@@ -55,9 +55,9 @@ class FlightWaypoint(Settings):
     name: str = Field(min_length=1, description="Name in the replay.")
     time_s: Positive = Field(description="Time, s; a multiple of problem.node_s.")
     position_m: Vector3 = Field(description="[x, y, z] of the body, world axes, m.")
-    rotation_deg: Vector3 | None = Field(
-        default=None,
-        description="Attitude as a rotation vector (axis times angle), degrees; null: any. More than half a turn gives "
+    rotation_deg: Vector3 | None = key(
+        None,
+        "Attitude as a rotation vector (axis times angle), degrees; null: any. More than half a turn gives "
         "the solver's guess its direction: [0, -180, 0] and then [0, -360, 0] is a loop, nose up.",
     )
 
@@ -65,34 +65,30 @@ class FlightWaypoint(Settings):
 class FlightWeights(Settings):
     """Weights of the cost; those of approach, speed and thrust are per second of the horizon."""
 
-    approach: NonNegative = Field(
-        default=0.0, description="From the last waypoint's position and attitude, before it, 1/m2 and 1/rad2."
-    )
-    position: Positive = Field(default=1e3, description="From a waypoint, 1/m2.")
-    rotation: Positive = Field(default=1e3, description="From a waypoint's attitude, 1/rad2 for small angles.")
-    rest: NonNegative = Field(default=1e2, description="Velocity at the end, 1/(m/s)2 and 1/(rad/s)2.")
-    speed: NonNegative = Field(default=1e-2, description="Velocity before the end, 1/(m/s)2 and 1/(rad/s)2.")
-    thrust: Positive = Field(default=1e-2, description="Thrust of each rotor from hovering, 1/N2.")
+    approach: NonNegative = key(0.0, "From the last waypoint's position and attitude, before it, 1/m2 and 1/rad2.")
+    position: Positive = key(1e3, "From a waypoint, 1/m2.")
+    rotation: Positive = key(1e3, "From a waypoint's attitude, 1/rad2 for small angles.")
+    rest: NonNegative = key(1e2, "Velocity at the end, 1/(m/s)2 and 1/(rad/s)2.")
+    speed: NonNegative = key(1e-2, "Velocity before the end, 1/(m/s)2 and 1/(rad/s)2.")
+    thrust: Positive = key(1e-2, "Thrust of each rotor from hovering, 1/N2.")
 
 
 class FlightSettings(ProblemSettings):
     """A multirotor flies through waypoints and comes to rest at the last; thrusts are bounded."""
 
-    kind: Literal["flight"] = Field(default="flight", description="A multirotor flies through waypoints.")
+    kind: Literal["flight"] = key("flight", "A multirotor flies through waypoints.")
     rotors: MultirotorSettings = Field(description="The rotors, at frames of the URDF.")
     start_m: Vector3 = Field(description="[x, y, z] of the body at first, world axes, m.")
-    start_rotation_deg: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Attitude at first as a rotation vector (axis times angle), degrees."
+    start_rotation_deg: Vector3 = key(
+        (0.0, 0.0, 0.0), "Attitude at first as a rotation vector (axis times angle), degrees."
     )
-    start_velocity_m_s: Vector3 = Field(default=(0.0, 0.0, 0.0), description="Velocity at first, body axes, m/s.")
-    start_rate_rad_s: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Angular velocity at first, body axes, rad/s."
-    )
+    start_velocity_m_s: Vector3 = key((0.0, 0.0, 0.0), "Velocity at first, body axes, m/s.")
+    start_rate_rad_s: Vector3 = key((0.0, 0.0, 0.0), "Angular velocity at first, body axes, rad/s.")
     waypoints: Annotated[tuple[FlightWaypoint, ...], Field(min_length=1)] = Field(
         description="In the order of their times."
     )
-    node_s: Interval = Field(default=0.03, description="Length of each interval, s.")
-    weights: FlightWeights = Field(default=FlightWeights(), description="Weights of the cost.")
+    node_s: Interval = key(0.03, "Length of each interval, s.")
+    weights: FlightWeights = key(FlightWeights(), "Weights of the cost.")
 
 
 @typed

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator
 
 from lgmpc.costs import CostItem, Parameter, Residual, StageSymbols
 from lgmpc.lie.checks import typed
@@ -35,7 +35,7 @@ from lgmpc.problems.legged_settings import JumpWeights, LeggedSettings
 from lgmpc.problems.motion import com_positions, contact_positions
 from lgmpc.problems.scenario import ProblemSettings, Scenario
 from lgmpc.robot import Robot
-from lgmpc.settings import Interval, NonNegative, Positive, problem as problem_with
+from lgmpc.settings import Interval, NonNegative, Positive, key, problem as problem_with
 from lgmpc.typing import Array
 
 _AT_LIMIT = 0.995  # ratio to a limit, or to the beginning of its barrier, from which it counts as reached
@@ -54,21 +54,15 @@ Range = Annotated[tuple[Positive, Positive], AfterValidator(_ordered)]
 class FreeJumpSettings(LeggedSettings, ProblemSettings):
     """A robot jumps up, by a height or as far as its motors allow; the durations of the phases are optimised."""
 
-    kind: Literal["jump_free_time"] = Field(
-        default="jump_free_time", description="A robot jumps to a height, in phases of free durations."
-    )
-    com_rise_m: Positive = Field(
-        default=0.25, description="Apex of the centre of mass above its initial height, m: reached, or approached."
-    )
-    takeoff_range_s: Range = Field(default=(0.15, 0.6), description="[shortest, longest] time before the flight, s.")
-    flight_range_s: Range = Field(default=(0.1, 0.8), description="[shortest, longest] duration of the flight, s.")
-    landing_range_s: Range = Field(default=(0.3, 1.0), description="[shortest, longest] time after the landing, s.")
-    height_m: NonNegative = Field(default=0.05, description="Apex of the feet's paths above the ground, m.")
-    step_s: Interval = Field(default=0.01, description="Length of an interval, s, where durations are mid-range.")
-    rise_weight: Positive = Field(
-        default=3e3, description="Dimensionless weight of the squared deviation from com_rise_m."
-    )
-    weights: JumpWeights = Field(default=JumpWeights(), description="Weights of the cost.")
+    kind: Literal["jump_free_time"] = key("jump_free_time", "A robot jumps to a height, in phases of free durations.")
+    com_rise_m: Positive = key(0.25, "Apex of the centre of mass above its initial height, m: reached, or approached.")
+    takeoff_range_s: Range = key((0.15, 0.6), "[shortest, longest] time before the flight, s.")
+    flight_range_s: Range = key((0.1, 0.8), "[shortest, longest] duration of the flight, s.")
+    landing_range_s: Range = key((0.3, 1.0), "[shortest, longest] time after the landing, s.")
+    height_m: NonNegative = key(0.05, "Apex of the feet's paths above the ground, m.")
+    step_s: Interval = key(0.01, "Length of an interval, s, where durations are mid-range.")
+    rise_weight: Positive = key(3e3, "Dimensionless weight of the squared deviation from com_rise_m.")
+    weights: JumpWeights = key(JumpWeights(), "Weights of the cost.")
 
     def nominal_s(self, phase: str) -> float:
         """Return the duration of a phase from which its stretch is counted: the geometric mean of its range."""

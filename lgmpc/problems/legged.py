@@ -29,13 +29,7 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
 from lgmpc.problems.ground import BodySpheres, Ground, GroundDistance
 from lgmpc.problems.legged_figures import LeggedFigures
-from lgmpc.problems.legged_settings import (
-    GaitSettings,
-    JumpSettings,
-    LeggedSettings,
-    LeggedWeights,
-    gains_of_contacts,
-)
+from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights, gains_of_contacts
 from lgmpc.problems.motion import carry, contact_positions
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot

@@ -23,6 +23,7 @@ from lgmpc.settings import (
     Settings,
     Vector2,
     Vector3,
+    key,
     problem,
 )
 from lgmpc.typing import Array
@@ -50,66 +51,61 @@ class LeggedWeights(Settings):
     The same values serve robots of all sizes. The unit of time of the running cost is sqrt(length / g).
     """
 
-    position: NonNegative = Field(default=0.1, description="Horizontal position of the base from the commanded one.")
-    height: NonNegative = Field(default=10.0, description="Height of the base.")
-    rotation: NonNegative = Field(default=10.0, description="Rotation of the base.")
-    joints: NonNegative = Field(default=0.3, description="Joints from the reference posture.")
-    velocity: NonNegative = Field(default=1.0, description="Velocity of the base, linear and angular.")
-    joint_velocity: NonNegative = Field(default=0.01, description="Joint speeds.")
-    effort: Positive = Field(default=2.0, description="Torques from those that carry the robot at rest.")
-    swing: NonNegative = Field(default=1e4, description="Feet in the air from their references.")
-    friction: NonNegative = Field(default=1e3, description="Contact forces and impulses outside their cone.")
-    limits: NonNegative = Field(default=1e3, description="Joint positions and speeds beyond their limits.")
-    foothold: NonNegative = Field(default=1e5, description="Feet from their footholds, at touchdowns.")
-    touchdown: NonNegative = Field(default=1e3, description="Speeds of the feet at touchdowns.")
-    clearance: NonNegative = Field(
-        default=1e4, description="Trunk, knees and shanks nearer to the ground than clearance_m; feet in the air in it."
+    position: NonNegative = key(0.1, "Horizontal position of the base from the commanded one.")
+    height: NonNegative = key(10.0, "Height of the base.")
+    rotation: NonNegative = key(10.0, "Rotation of the base.")
+    joints: NonNegative = key(0.3, "Joints from the reference posture.")
+    velocity: NonNegative = key(1.0, "Velocity of the base, linear and angular.")
+    joint_velocity: NonNegative = key(0.01, "Joint speeds.")
+    effort: Positive = key(2.0, "Torques from those that carry the robot at rest.")
+    swing: NonNegative = key(1e4, "Feet in the air from their references.")
+    friction: NonNegative = key(1e3, "Contact forces and impulses outside their cone.")
+    limits: NonNegative = key(1e3, "Joint positions and speeds beyond their limits.")
+    foothold: NonNegative = key(1e5, "Feet from their footholds, at touchdowns.")
+    touchdown: NonNegative = key(1e3, "Speeds of the feet at touchdowns.")
+    clearance: NonNegative = key(
+        1e4, "Trunk, knees and shanks nearer to the ground than clearance_m; feet in the air in it."
     )
-    terminal: NonNegative = Field(default=100.0, description="Factor of the state's weights at the end.")
+    terminal: NonNegative = key(100.0, "Factor of the state's weights at the end.")
 
 
 class JumpWeights(LeggedWeights):
     """Weights as those of a gait, with other defaults: small before the landing, large at it and at the end."""
 
-    height: NonNegative = Field(default=1.0, description="Height of the base.")
-    rotation: NonNegative = Field(default=1.0, description="Rotation of the base.")
-    effort: Positive = Field(default=0.2, description="Torques from those that carry the robot at rest.")
-    swing: NonNegative = Field(default=100.0, description="Feet in the air from their references.")
-    touchdown: NonNegative = Field(default=10.0, description="Speeds of the feet at touchdowns.")
+    height: NonNegative = key(1.0, "Height of the base.")
+    rotation: NonNegative = key(1.0, "Rotation of the base.")
+    effort: Positive = key(0.2, "Torques from those that carry the robot at rest.")
+    swing: NonNegative = key(100.0, "Feet in the air from their references.")
+    touchdown: NonNegative = key(10.0, "Speeds of the feet at touchdowns.")
 
 
 class LeggedSettings(Settings):
     """The common settings of gaits and jumps."""
 
-    step_s: Interval = Field(
-        default=0.015, description="Approximate length of an interval, s; intervals end at switches."
+    step_s: Interval = key(0.015, "Approximate length of an interval, s; intervals end at switches.")
+    friction: Friction = key(0.7, "Friction coefficient of the ground.")
+    friction_margin: Annotated[Fraction, Field(lt=1.0)] = key(
+        0.1, "The cost penalises contact forces above (1 - friction_margin) of the friction limit."
     )
-    friction: Friction = Field(default=0.7, description="Friction coefficient of the ground.")
-    friction_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
-        default=0.1, description="The cost penalises contact forces above (1 - friction_margin) of the friction limit."
+    effort_margin: Annotated[Fraction, Field(lt=1.0)] = key(
+        0.0, "Share of the torque limits that the plan leaves to the feedback of who performs it."
     )
-    effort_margin: Annotated[Fraction, Field(lt=1.0)] = Field(
-        default=0.0, description="Share of the torque limits that the plan leaves to the feedback of who performs it."
+    joint_margin_rad: NonNegative = key(0.0, "Distance from the joints' limits within which a cost acts, rad.")
+    least_force: Annotated[NonNegative, Field(lt=0.25)] = key(
+        0.05, "Normal force of feet on the ground below which a cost acts, as a fraction of the robot's weight."
     )
-    joint_margin_rad: NonNegative = Field(
-        default=0.0, description="Distance from the joints' limits within which a cost acts, rad."
-    )
-    least_force: Annotated[NonNegative, Field(lt=0.25)] = Field(
-        default=0.05,
-        description="Normal force of feet on the ground below which a cost acts, as a fraction of the robot's weight.",
-    )
-    clearance_m: NonNegative = Field(
-        default=0.01,
-        description="Distance of trunk and knees from the ground below which a cost acts, m; of feet in the middle of "
+    clearance_m: NonNegative = key(
+        0.01,
+        "Distance of trunk and knees from the ground below which a cost acts, m; of feet in the middle of "
         "their swings too.",
     )
-    world: WorldSettings = Field(
-        default=FloorSettings(),
-        description="The ground, of planes and boxes, where the robot starts on it. A motion performed as a "
+    world: WorldSettings = key(
+        FloorSettings(),
+        "The ground, of planes and boxes, where the robot starts on it. A motion performed as a "
         "manoeuvre has the world of its closed loop.",
     )
     contact_gains: ContactGains = {}
-    weights: LeggedWeights = Field(default=LeggedWeights(), description="Weights of the cost.")
+    weights: LeggedWeights = key(LeggedWeights(), "Weights of the cost.")
 
     def ground(self) -> World:
         """Return the world of the settings."""
@@ -119,23 +115,19 @@ class LeggedSettings(Settings):
 class GaitSettings(LeggedSettings, ProblemSettings):
     """A robot stands, walks for some cycles at a commanded velocity, and stands."""
 
-    kind: Literal["gait"] = Field(default="gait", description="A robot walks, trots, ... in a gait.")
-    pattern: Literal["walk", "trot", "pace", "bound"] | None = Field(
-        default=None, description="A quadruped's gait. Give this or phases."
+    kind: Literal["gait"] = key("gait", "A robot walks, trots, ... in a gait.")
+    pattern: Literal["walk", "trot", "pace", "bound"] | None = key(None, "A quadruped's gait. Give this or phases.")
+    phases: tuple[GaitPhase, ...] = key(
+        (), "One cycle, phase by phase, of any robot with point feet. Give this or pattern."
     )
-    phases: tuple[GaitPhase, ...] = Field(
-        default=(), description="One cycle, phase by phase, of any robot with point feet. Give this or pattern."
-    )
-    cycles: Annotated[Count, Field(le=100)] = Field(default=3, description="Number of cycles, at most 100.")
-    swing_s: Positive = Field(default=0.2, description="Duration of a swing, s (of a pattern).")
-    stance_s: NonNegative = Field(
-        default=0.04, description="Time with all feet on the ground after each swing, s (of a pattern)."
-    )
-    height_m: NonNegative = Field(default=0.05, description="Apex of the swings, m (of a pattern).")
-    velocity_m_s: Vector2 = Field(default=(0.3, 0.0), description="[ahead, left] in the base's axes, m/s.")
-    yaw_rate_deg_s: Finite = Field(default=0.0, description="Rate of turning to the left, degrees per s.")
-    settle_s: Positive = Field(default=0.2, description="Time of standing before and after, s.")
-    ramp_s: NonNegative = Field(default=0.2, description="Time of acceleration and of deceleration of the base, s.")
+    cycles: Annotated[Count, Field(le=100)] = key(3, "Number of cycles, at most 100.")
+    swing_s: Positive = key(0.2, "Duration of a swing, s (of a pattern).")
+    stance_s: NonNegative = key(0.04, "Time with all feet on the ground after each swing, s (of a pattern).")
+    height_m: NonNegative = key(0.05, "Apex of the swings, m (of a pattern).")
+    velocity_m_s: Vector2 = key((0.3, 0.0), "[ahead, left] in the base's axes, m/s.")
+    yaw_rate_deg_s: Finite = key(0.0, "Rate of turning to the left, degrees per s.")
+    settle_s: Positive = key(0.2, "Time of standing before and after, s.")
+    ramp_s: NonNegative = key(0.2, "Time of acceleration and of deceleration of the base, s.")
 
     @model_validator(mode="after")
     def _one_gait(self) -> GaitSettings:
@@ -163,21 +155,18 @@ class GaitSettings(LeggedSettings, ProblemSettings):
 class JumpSettings(LeggedSettings, ProblemSettings):
     """A robot crouches, takes off with all feet, flies, lands on all feet, and comes to rest."""
 
-    kind: Literal["jump"] = Field(default="jump", description="A robot jumps.")
-    displacement_m: Vector3 = Field(
-        default=(0.2, 0.0, 0.0),
-        description="Displacement at the landing, [ahead, left, up], m; up from the height of the "
-        "world's ground there.",
+    kind: Literal["jump"] = key("jump", "A robot jumps.")
+    displacement_m: Vector3 = key(
+        (0.2, 0.0, 0.0),
+        "Displacement at the landing, [ahead, left, up], m; up from the height of the world's ground there.",
     )
-    yaw_deg: Finite = Field(default=0.0, description="Angle by which it turns to the left in the air, degrees.")
-    takeoff_s: Positive = Field(default=0.3, description="Time on the ground before the flight, s.")
-    flight_s: Positive = Field(default=0.3, description="Duration of the flight, s.")
-    landing_s: Positive = Field(default=0.5, description="Time on the ground after the landing, s.")
-    height_m: NonNegative = Field(default=0.1, description="Apex of the feet's paths above the straight line, m.")
-    step_s: Interval = Field(
-        default=0.01, description="Approximate length of an interval, s; intervals end at switches."
-    )
-    weights: JumpWeights = Field(default=JumpWeights(), description="Weights of the cost.")
+    yaw_deg: Finite = key(0.0, "Angle by which it turns to the left in the air, degrees.")
+    takeoff_s: Positive = key(0.3, "Time on the ground before the flight, s.")
+    flight_s: Positive = key(0.3, "Duration of the flight, s.")
+    landing_s: Positive = key(0.5, "Time on the ground after the landing, s.")
+    height_m: NonNegative = key(0.1, "Apex of the feet's paths above the straight line, m.")
+    step_s: Interval = key(0.01, "Approximate length of an interval, s; intervals end at switches.")
+    weights: JumpWeights = key(JumpWeights(), "Weights of the cost.")
 
     def gait(self, robot: Robot) -> GaitSequence:
         """Return the gait of a robot's feet."""

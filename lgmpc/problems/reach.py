@@ -30,22 +30,20 @@ from lgmpc.problems.motion import frame_placements
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Box, CollisionShape, Robot, Sphere, place_shape
 from lgmpc.robot.collision import AnyShape
-from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3
+from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3, key
 from lgmpc.typing import Array
 
 
 class ReachWeights(Settings):
     """Weights of the cost; those of the running cost are per second of the horizon."""
 
-    position: Positive = Field(default=1e5, description="Frame from its target at the end, 1/m2.")
-    rotation: NonNegative = Field(default=1e4, description="Frame's rotation from its target at the end, 1/rad2.")
-    rest: NonNegative = Field(default=1e3, description="Joint velocities at the end, 1/(rad/s)2.")
-    posture: NonNegative = Field(default=1.0, description="Joints from the reference posture, 1/rad2.")
-    velocity: NonNegative = Field(default=1.0, description="Joint velocities, 1/(rad/s)2.")
-    effort: Positive = Field(default=1e-3, description="Efforts from those that balance gravity, 1/(N.m)2.")
-    limits: NonNegative = Field(
-        default=1e4, description="Joints beyond their position and velocity limits, 1/rad2 and 1/(rad/s)2."
-    )
+    position: Positive = key(1e5, "Frame from its target at the end, 1/m2.")
+    rotation: NonNegative = key(1e4, "Frame's rotation from its target at the end, 1/rad2.")
+    rest: NonNegative = key(1e3, "Joint velocities at the end, 1/(rad/s)2.")
+    posture: NonNegative = key(1.0, "Joints from the reference posture, 1/rad2.")
+    velocity: NonNegative = key(1.0, "Joint velocities, 1/(rad/s)2.")
+    effort: Positive = key(1e-3, "Efforts from those that balance gravity, 1/(N.m)2.")
+    limits: NonNegative = key(1e4, "Joints beyond their position and velocity limits, 1/rad2 and 1/(rad/s)2.")
 
 
 class Clearance(Settings):
@@ -53,10 +51,10 @@ class Clearance(Settings):
 
     first: AnyShape = Field(description="A shape on a frame of the robot; a sphere if the other one is a box.")
     second: AnyShape = Field(description="A shape on another link, or of the world (link: universe).")
-    distance_m: NonNegative = Field(default=0.02, description="Least distance of their surfaces, m.")
-    weight: Positive | None = Field(
-        default=None,
-        description="Weight of the squared shortfall of the distance in the cost, 1/m2. null: a hard constraint, for "
+    distance_m: NonNegative = key(0.02, "Least distance of their surfaces, m.")
+    weight: Positive | None = key(
+        None,
+        "Weight of the squared shortfall of the distance in the cost, 1/m2. null: a hard constraint, for "
         "sqp, al_fddp, ipopt or fatrop.",
     )
 
@@ -66,12 +64,12 @@ class TargetSettings(ProblemSettings):
 
     frame: str = Field(min_length=1, description="Name of the frame, such as a hand's.")
     position_m: Vector3 = Field(description="[x, y, z] of its origin at the end, world axes, m.")
-    rpy_deg: Vector3 | None = Field(
-        default=None,
-        description="[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
+    rpy_deg: Vector3 | None = key(
+        None,
+        "[roll, pitch, yaw] of the frame at the end, about the world's x, y, z in this order, degrees. "
         "null: any rotation.",
     )
-    clearances: tuple[Clearance, ...] = Field(default=(), description="Pairs of shapes that keep a distance.")
+    clearances: tuple[Clearance, ...] = key((), "Pairs of shapes that keep a distance.")
 
     @property
     def target(self) -> pin.SE3:
@@ -106,10 +104,10 @@ class TargetSettings(ProblemSettings):
 class ReachSettings(TargetSettings):
     """A robot with a fixed base moves a frame from its place in the reference posture to a target."""
 
-    kind: Literal["reach"] = Field(default="reach", description="A frame reaches a target.")
-    nodes: Count = Field(default=100, description="Number of intervals.")
-    node_s: Interval = Field(default=0.01, description="Length of each interval, s.")
-    weights: ReachWeights = Field(default=ReachWeights(), description="Weights of the cost.")
+    kind: Literal["reach"] = key("reach", "A frame reaches a target.")
+    nodes: Count = key(100, "Number of intervals.")
+    node_s: Interval = key(0.01, "Length of each interval, s.")
+    weights: ReachWeights = key(ReachWeights(), "Weights of the cost.")
 
 
 @typed

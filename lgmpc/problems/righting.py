@@ -29,18 +29,11 @@ from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.motion import (
-    com_positions,
-    joint_limit_violation,
-    refly,
-    spins,
-    trunk_clearance,
-    trunk_spins,
-)
+from lgmpc.problems.motion import com_positions, joint_limit_violation, refly, spins, trunk_clearance, trunk_spins
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.robot.actuators import match_joints
-from lgmpc.settings import Count, Finite, Interval, NonNegative, Positive, Settings, Vector3
+from lgmpc.settings import Count, Finite, Interval, NonNegative, Positive, Settings, Vector3, key
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -72,8 +65,8 @@ class LegStrokes(Settings):
     sweep_rad: dict[str, Finite] = Field(
         description="Amplitude of the swing, {joint name or pattern: rad}; the robot turns against its sign."
     )
-    count: Count = Field(default=5, description="Number of cycles.")
-    ramp_s: Positive = Field(default=0.12, description="Time of the transitions from and to the reference posture, s.")
+    count: Count = key(5, "Number of cycles.")
+    ramp_s: Positive = key(0.12, "Time of the transitions from and to the reference posture, s.")
 
     def joints(self, robot: Robot, times: Array) -> CubicSpline:
         """Return the joints' path (nu,) over time, at rest in the reference posture at both ends.
@@ -104,12 +97,12 @@ class LegStrokes(Settings):
 class RightingWeights(Settings):
     """Weights of the cost; the first three are per second of the horizon."""
 
-    strokes: NonNegative = Field(default=1.0, description="Joints from the strokes, 1/rad2.")
-    rates: NonNegative = Field(default=1e-3, description="Joint rates from those of the strokes, 1/(rad/s)2.")
-    effort: Positive = Field(default=1e-2, description="Torques, 1/(N.m)2.")
-    rotation: Positive = Field(default=1e2, description="Attitude from that of the goal, at the end, 1/rad2.")
-    posture: NonNegative = Field(default=1e2, description="Joints from the reference posture, at the end, 1/rad2.")
-    rest: NonNegative = Field(default=1.0, description="Joint rates at the end, 1/(rad/s)2.")
+    strokes: NonNegative = key(1.0, "Joints from the strokes, 1/rad2.")
+    rates: NonNegative = key(1e-3, "Joint rates from those of the strokes, 1/(rad/s)2.")
+    effort: Positive = key(1e-2, "Torques, 1/(N.m)2.")
+    rotation: Positive = key(1e2, "Attitude from that of the goal, at the end, 1/rad2.")
+    posture: NonNegative = key(1e2, "Joints from the reference posture, at the end, 1/rad2.")
+    rest: NonNegative = key(1.0, "Joint rates at the end, 1/(rad/s)2.")
 
 
 class RightingSettings(ProblemSettings):
@@ -118,24 +111,20 @@ class RightingSettings(ProblemSettings):
     Limits of torques, joint positions and rates are hard constraints, which fddp and box_fddp do not support.
     """
 
-    kind: Literal["righting"] = Field(default="righting", description="A falling robot lands on its feet.")
+    kind: Literal["righting"] = key("righting", "A falling robot lands on its feet.")
     strokes: LegStrokes = Field(description="Motion of the legs in the initial guess.")
-    position_m: Vector3 = Field(default=(0.0, 0.0, 8.0), description="[x, y, z] of the base at first, world axes, m.")
-    rotation_deg: Vector3 = Field(
-        default=(180.0, 0.0, 0.0),
-        description="Attitude of the base at first as a rotation vector (axis times angle), degrees.",
+    position_m: Vector3 = key((0.0, 0.0, 8.0), "[x, y, z] of the base at first, world axes, m.")
+    rotation_deg: Vector3 = key(
+        (180.0, 0.0, 0.0), "Attitude of the base at first as a rotation vector (axis times angle), degrees."
     )
-    velocity_m_s: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Velocity at first, world axes, m/s: upwards for a toss."
+    velocity_m_s: Vector3 = key((0.0, 0.0, 0.0), "Velocity at first, world axes, m/s: upwards for a toss.")
+    goal_rotation_deg: Vector3 = key((0.0, 0.0, 0.0), "Attitude at the end, degrees.")
+    trunk_half_size_m: tuple[Positive, Positive, Positive] = key(
+        (0.2, 0.08, 0.03), "Half sizes of the trunk's box, from which the shanks' clearance is measured, m."
     )
-    goal_rotation_deg: Vector3 = Field(default=(0.0, 0.0, 0.0), description="Attitude at the end, degrees.")
-    trunk_half_size_m: tuple[Positive, Positive, Positive] = Field(
-        default=(0.2, 0.08, 0.03),
-        description="Half sizes of the trunk's box, from which the shanks' clearance is measured, m.",
-    )
-    nodes: Count = Field(default=240, description="Number of intervals.")
-    node_s: Interval = Field(default=0.005, description="Length of each interval, s.")
-    weights: RightingWeights = Field(default=RightingWeights(), description="Weights of the cost.")
+    nodes: Count = key(240, "Number of intervals.")
+    node_s: Interval = key(0.005, "Length of each interval, s.")
+    weights: RightingWeights = key(RightingWeights(), "Weights of the cost.")
 
 
 class JointMotion(Residual):

@@ -11,18 +11,11 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
-from lgmpc.costs.library import (
-    CenterOfPressure,
-    Control,
-    FrictionCone,
-    JointAcceleration,
-    JointPosition,
-    StateError,
-)
+from lgmpc.costs.library import CenterOfPressure, Control, FrictionCone, JointAcceleration, JointPosition, StateError
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -39,7 +32,7 @@ from lgmpc.problems.motion import (
 from lgmpc.problems.reach import TargetSettings, clearance_items
 from lgmpc.problems.scenario import Scenario
 from lgmpc.robot import Robot
-from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, problem
+from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, key, problem
 from lgmpc.typing import Array
 
 _MARGIN = 0.02
@@ -49,17 +42,16 @@ _MARGIN = 0.02
 class StandingReachWeights(Settings):
     """Weights of the cost; those of the running cost are per second of the horizon."""
 
-    position: Positive = Field(default=1e4, description="Hand from its target at the end, 1/m2.")
-    rotation: NonNegative = Field(default=1e3, description="Hand's rotation from its target at the end, 1/rad2.")
-    rest: NonNegative = Field(default=1e2, description="All velocities at the end.")
-    base: NonNegative = Field(default=1.0, description="Trunk from upright, 1/rad2.")
-    posture: NonNegative = Field(default=0.3, description="Joints from the reference posture, 1/rad2.")
-    velocity: NonNegative = Field(default=0.1, description="Velocities of base and joints.")
-    acceleration: NonNegative = Field(
-        default=1e-2,
-        description="Joint accelerations, 1/(rad/s2)2; without it the joints decelerate in the last intervals only.",
+    position: Positive = key(1e4, "Hand from its target at the end, 1/m2.")
+    rotation: NonNegative = key(1e3, "Hand's rotation from its target at the end, 1/rad2.")
+    rest: NonNegative = key(1e2, "All velocities at the end.")
+    base: NonNegative = key(1.0, "Trunk from upright, 1/rad2.")
+    posture: NonNegative = key(0.3, "Joints from the reference posture, 1/rad2.")
+    velocity: NonNegative = key(0.1, "Velocities of base and joints.")
+    acceleration: NonNegative = key(
+        1e-2, "Joint accelerations, 1/(rad/s2)2; without it the joints decelerate in the last intervals only."
     )
-    effort: Positive = Field(default=0.1, description="Squared torques, as fractions of their limits.")
+    effort: Positive = key(0.1, "Squared torques, as fractions of their limits.")
 
 
 class StandingReachSettings(TargetSettings):
@@ -69,20 +61,16 @@ class StandingReachSettings(TargetSettings):
     fddp and box_fddp do not support.
     """
 
-    kind: Literal["standing_reach"] = Field(
-        default="standing_reach", description="A hand of a standing robot reaches a target."
+    kind: Literal["standing_reach"] = key("standing_reach", "A hand of a standing robot reaches a target.")
+    sole_half_size_m: tuple[Positive, Positive] = key(
+        (0.1, 0.065), "Half length and half width of the soles, centred at the contact frames, m."
     )
-    sole_half_size_m: tuple[Positive, Positive] = Field(
-        default=(0.1, 0.065), description="Half length and half width of the soles, centred at the contact frames, m."
-    )
-    sole_margin_m: NonNegative = Field(
-        default=0.02, description="Least distance of a centre of pressure from its sole's edge, m."
-    )
-    friction: Friction = Field(default=0.5, description="Friction coefficient of the contact forces' cones.")
+    sole_margin_m: NonNegative = key(0.02, "Least distance of a centre of pressure from its sole's edge, m.")
+    friction: Friction = key(0.5, "Friction coefficient of the contact forces' cones.")
     contact_gains: ContactGains = {}
-    nodes: Count = Field(default=30, description="Number of intervals.")
-    node_s: Interval = Field(default=0.05, description="Length of each interval, s.")
-    weights: StandingReachWeights = Field(default=StandingReachWeights(), description="Weights of the cost.")
+    nodes: Count = key(30, "Number of intervals.")
+    node_s: Interval = key(0.05, "Length of each interval, s.")
+    weights: StandingReachWeights = key(StandingReachWeights(), "Weights of the cost.")
 
     @model_validator(mode="after")
     def _something_is_left(self) -> StandingReachSettings:

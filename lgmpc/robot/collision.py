@@ -15,7 +15,7 @@ from pydantic import Field
 from lgmpc.errors import InputError, ModelError, nearest
 from lgmpc.robot.names import frame_index
 from lgmpc.robot.native_stderr import native_stderr
-from lgmpc.settings import Positive, Settings, Vector3
+from lgmpc.settings import Positive, Settings, Vector3, key
 
 if TYPE_CHECKING:
     from lgmpc.robot.model import Robot
@@ -30,35 +30,31 @@ class _Shape(Settings):
     link: str = Field(
         min_length=1, description="Link to which it is fixed; a glob pattern adds one to each matching link."
     )
-    center_m: Vector3 = Field(default=(0.0, 0.0, 0.0), description="[x, y, z] of its centre in the link's frame, m.")
+    center_m: Vector3 = key((0.0, 0.0, 0.0), "[x, y, z] of its centre in the link's frame, m.")
 
 
 class Sphere(_Shape):
     """A sphere."""
 
-    kind: Literal["sphere"] = Field(default="sphere", description="A sphere.")
+    kind: Literal["sphere"] = key("sphere", "A sphere.")
     radius_m: Size = Field(description="Radius, m.")
 
 
 class _Turned(_Shape):
-    rpy_deg: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] of its axes in the link's frame, degrees."
-    )
+    rpy_deg: Vector3 = key((0.0, 0.0, 0.0), "[roll, pitch, yaw] of its axes in the link's frame, degrees.")
 
 
 class Box(_Turned):
     """A cuboid."""
 
-    kind: Literal["box"] = Field(default="box", description="A cuboid.")
+    kind: Literal["box"] = key("box", "A cuboid.")
     half_size_m: tuple[Size, Size, Size] = Field(description="Half of its size along each of its axes, m.")
 
 
 class Capsule(_Turned):
     """A cylinder along its z axis with hemispherical ends."""
 
-    kind: Literal["capsule"] = Field(
-        default="capsule", description="A cylinder along its z axis with hemispherical ends."
-    )
+    kind: Literal["capsule"] = key("capsule", "A cylinder along its z axis with hemispherical ends.")
     radius_m: Size = Field(description="Radius, m.")
     half_length_m: Size = Field(description="Half of the cylinder's length, m.")
 

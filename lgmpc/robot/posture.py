@@ -23,10 +23,7 @@ _BENT = 0.95
 
 
 def reference_posture(
-    model: pin.Model,
-    joints: Sequence[ActuatedJoint],
-    posture: str | Mapping[str, float] | None,
-    usual: str | None,
+    model: pin.Model, joints: Sequence[ActuatedJoint], posture: str | Mapping[str, float] | None, usual: str | None
 ) -> tuple[Array, list[str], list[str]]:
     """Return (nq,) the configuration that ``posture`` describes, the problems of its keys, and notes.
 

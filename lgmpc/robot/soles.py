@@ -20,7 +20,7 @@ from pydantic import Discriminator, Field, Tag
 from lgmpc.errors import InputError
 from lgmpc.robot.feet import lever
 from lgmpc.robot.native_stderr import native_stderr
-from lgmpc.settings import Finite, Settings, Vector3
+from lgmpc.settings import Finite, Settings, Vector3, key
 from lgmpc.typing import Array, BoolArray, IntArray
 
 if TYPE_CHECKING:
@@ -55,17 +55,14 @@ class FootSpec(Settings):
     """A foot with a sole."""
 
     frame: str = Field(min_length=1, description="Frame that it is fixed to.")
-    sole: Sole = Field(
-        default="auto",
-        description="Corners [[x, y], ...] of the sole, m, in its own axes; auto: the largest quadrilateral of its"
+    sole: Sole = key(
+        "auto",
+        "Corners [[x, y], ...] of the sole, m, in its own axes; auto: the largest quadrilateral of its"
         " link's collision geometry at the lowest point in the reference posture.",
     )
-    position_m: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="[x, y, z] of the sole's axes in the frame, m; not used by auto."
-    )
-    rpy_deg: Vector3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="[roll, pitch, yaw] of these axes in the frame, degrees: z points up; not used by auto.",
+    position_m: Vector3 = key((0.0, 0.0, 0.0), "[x, y, z] of the sole's axes in the frame, m; not used by auto.")
+    rpy_deg: Vector3 = key(
+        (0.0, 0.0, 0.0), "[roll, pitch, yaw] of these axes in the frame, degrees: z points up; not used by auto."
     )
 
 

@@ -10,7 +10,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from lgmpc.robot.collision import AnyShape
 from lgmpc.robot.soles import FootSpec
-from lgmpc.settings import Finite, NonNegative, PerJoint, PerJointRange, Positive, Settings, problem
+from lgmpc.settings import Finite, NonNegative, PerJoint, PerJointRange, Positive, Settings, key, problem
 
 
 def _posture_kind(value: Any) -> str:
@@ -45,68 +45,58 @@ class RobotSpec(Settings):
     model: str | None = Field(
         default=None, min_length=1, description="Name in example-robot-data, such as solo12; excludes urdf."
     )
-    urdf: Path | None = Field(default=None, description="URDF file, relative to the config file; excludes model.")
-    srdf: Path | None = Field(
-        default=None,
-        description="SRDF file with reference configurations and rotor parameters, relative to the config file. null: "
+    urdf: Path | None = key(None, "URDF file, relative to the config file; excludes model.")
+    srdf: Path | None = key(
+        None,
+        "SRDF file with reference configurations and rotor parameters, relative to the config file. null: "
         "that of the named model.",
     )
-    package_dirs: tuple[Path, ...] = Field(
-        default=(),
-        description="Folders in which package:// paths of the URDF are resolved, relative to the config file.",
+    package_dirs: tuple[Path, ...] = key(
+        (), "Folders in which package:// paths of the URDF are resolved, relative to the config file."
     )
     floating_base: bool | None = Field(
         default=None,
         strict=True,
         description="Whether the base moves freely. null: as in the named model; true for a URDF.",
     )
-    contact_frames: tuple[str, ...] = Field(
-        default=(), description="Frames that touch the ground, in the order of the logs."
-    )
-    contact_radius_m: Annotated[NonNegative, Field(le=0.5)] = Field(
-        default=0.0,
-        description="Radius of the spherical feet in m, at most 0.5; 0 for point feet. The contact point is this far "
+    contact_frames: tuple[str, ...] = key((), "Frames that touch the ground, in the order of the logs.")
+    contact_radius_m: Annotated[NonNegative, Field(le=0.5)] = key(
+        0.0,
+        "Radius of the spherical feet in m, at most 0.5; 0 for point feet. The contact point is this far "
         "below the frame's origin.",
     )
-    feet: tuple[FootSpec, ...] = Field(
-        default=(), description="Feet with soles, in the order of the logs; instead of contact_frames."
-    )
-    posture: Posture | None = Field(
-        default=None,
-        description="Reference posture: name of an SRDF reference configuration, or {joint name or pattern: rad or m}. "
+    feet: tuple[FootSpec, ...] = key((), "Feet with soles, in the order of the logs; instead of contact_frames.")
+    posture: Posture | None = key(
+        None,
+        "Reference posture: name of an SRDF reference configuration, or {joint name or pattern: rad or m}. "
         "null: that of the named model.",
     )
-    effort_limit_nm: PerJoint[Torque] | None = Field(
-        default=None,
-        description="Largest torque in N.m: a number, or {joint name or pattern: number}. null: the URDF's.",
+    effort_limit_nm: PerJoint[Torque] | None = key(
+        None, "Largest torque in N.m: a number, or {joint name or pattern: number}. null: the URDF's."
     )
-    velocity_limit_rad_s: PerJoint[Speed] | None = Field(
-        default=None,
-        description="Largest joint speed in rad/s: a number, or {joint name or pattern: number}. null: the URDF's.",
+    velocity_limit_rad_s: PerJoint[Speed] | None = key(
+        None, "Largest joint speed in rad/s: a number, or {joint name or pattern: number}. null: the URDF's."
     )
-    position_limit_rad: PerJointRange | None = Field(
-        default=None,
-        description="[lowest, highest] joint position in rad, or {pattern: [lowest, highest]}. null: the URDF's.",
+    position_limit_rad: PerJointRange | None = key(
+        None, "[lowest, highest] joint position in rad, or {pattern: [lowest, highest]}. null: the URDF's."
     )
-    one_sided_rad: PerJoint[Distance] | None = Field(
-        default=None,
-        description="Least distance from zero, in rad, of joints that stay on the side on which they are in the "
+    one_sided_rad: PerJoint[Distance] | None = key(
+        None,
+        "Least distance from zero, in rad, of joints that stay on the side on which they are in the "
         "reference posture, such as knees: a number, or {joint name or pattern: number}. null: none.",
     )
-    armature_kg_m2: PerJoint[Inertia] | None = Field(
-        default=None,
-        description="Reflected rotor inertia in kg.m2: a number, or {joint name or pattern: number}. null: the SRDF's, "
-        "or 0.",
+    armature_kg_m2: PerJoint[Inertia] | None = key(
+        None, "Reflected rotor inertia in kg.m2: a number, or {joint name or pattern: number}. null: the SRDF's, or 0."
     )
-    joint_friction_nm: PerJoint[Friction] | None = Field(
-        default=None,
-        description="Coulomb friction in N.m, as identified, which the controllers compensate: a number, or {joint "
+    joint_friction_nm: PerJoint[Friction] | None = key(
+        None,
+        "Coulomb friction in N.m, as identified, which the controllers compensate: a number, or {joint "
         "name or pattern: number}. null: none.",
     )
 
-    collision_shapes: tuple[AnyShape, ...] | None = Field(
-        default=None,
-        description="Collision shapes with the floor besides the feet: spheres, boxes and capsules on links. null: one "
+    collision_shapes: tuple[AnyShape, ...] | None = key(
+        None,
+        "Collision shapes with the floor besides the feet: spheres, boxes and capsules on links. null: one "
         "around each part of the URDF's collision geometry, except on bodies with a contact frame.",
     )
 

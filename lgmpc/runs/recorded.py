@@ -167,11 +167,7 @@ class Recorded(Generic[L_co, R_co]):
                 )
                 for each in columns
             ],
-            metadata={
-                "name": self.result.name,
-                "config": self.config,
-                "verdict": self.result.verdict.outcome.value,
-            },
+            metadata={"name": self.result.name, "config": self.config, "verdict": self.result.verdict.outcome.value},
         )
         data = arrow.table([np.ascontiguousarray(each.values) for each in columns], schema=schema)
         with atomic_write(Path(file)) as stream:

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.runs.channels import Channel, channels_of
 from lgmpc.runs.ground import friction_channel, ground_channels
 from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, OPTIONAL, RunLog
-from lgmpc.settings import Positive, Settings
+from lgmpc.settings import Positive, Settings, key
 from lgmpc.typing import Array
 from lgmpc.world import World
 
@@ -24,9 +23,8 @@ from lgmpc.world import World
 class LogSettings(Settings):
     """Settings of the saved log."""
 
-    rate_hz: Positive = Field(
-        default=500.0,
-        description="Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged, and in memory until then.",
+    rate_hz: Positive = key(
+        500.0, "Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged, and in memory until then."
     )
 
 

@@ -31,6 +31,8 @@ from typing_extensions import Self
 
 from lgmpc.settings.dotted import write_at
 
+_T = TypeVar("_T")
+
 PROBLEM = "lgmpc"
 """The pydantic error type of all errors of :func:`problems`."""
 
@@ -163,6 +165,11 @@ def _plain(value: Any) -> Any:
     return value._given() if isinstance(value, Settings) else value
 
 
+def key(default: _T, description: str) -> _T:
+    """Return the field of a key; keys that are required, or have bounds of their own, are pydantic's ``Field``."""
+    return Field(default=default, description=description)
+
+
 class Words(str):
     """A value in words, as a message shows it."""
 
@@ -174,7 +181,7 @@ class Extension(Settings):
         description="module:name, such as my_module:HandTask; the module is beside the config, in the working folder or"
         " installed."
     )
-    arguments: dict[str, Any] = Field(default={}, description="Its keyword arguments.")
+    arguments: dict[str, Any] = key({}, "Its keyword arguments.")
 
     @model_validator(mode="before")
     @classmethod
@@ -274,8 +281,6 @@ RangeFromZero = Annotated[
 def _number_or_table(value: Any) -> str:
     return "table" if isinstance(value, Mapping) else "number"
 
-
-_T = TypeVar("_T")
 
 PerJoint = Annotated[
     Union[Annotated[_T, Tag("number")], Annotated[dict[str, _T], Tag("table")]],  # noqa: UP007

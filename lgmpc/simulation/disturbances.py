@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.settings import NonNegative, Positive, Settings, Vector3
+from lgmpc.settings import NonNegative, Positive, Settings, Vector3, key
 from lgmpc.typing import Array
 
 _SNAP = 1e-6  # steps; a boundary closer to one of a step is rounded to it
@@ -23,7 +23,7 @@ class Push(Settings):
 
     body: str = Field(min_length=1, description="Name of the pushed body (link).")
     time_s: NonNegative = Field(description="Start of the push, s.")
-    duration_s: Annotated[Positive, Field(le=3600.0)] = Field(default=0.2, description="Duration, s, at most an hour.")
+    duration_s: Annotated[Positive, Field(le=3600.0)] = key(0.2, "Duration, s, at most an hour.")
     impulse_ns: Vector3 = Field(description="[x, y, z] force times duration, world axes, N.s.")
 
     @property

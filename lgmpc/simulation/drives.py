@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 
 from lgmpc.control.interface import Command, Measurement, RobotState
 from lgmpc.errors import InputError
-from lgmpc.settings import Fraction, Noise, NonNegative, Positive, Problem, Settings, problems
+from lgmpc.settings import Fraction, Noise, NonNegative, Positive, Problem, Settings, key, problems
 from lgmpc.typing import Array
 
 Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)]
@@ -31,24 +31,19 @@ _SAME_TIME = 1e-9  # s
 class LinkSettings(Settings):
     """The link between the robot and its controller. Neither the controller's model nor its estimator contains it."""
 
-    command_latency_s: Delay = Field(default=0.0, description="Time from a command's completion to the drives, s.")
-    command_jitter_s: Delay = Field(default=0.0, description="Largest random addition to it, uniform from 0, s.")
-    measurement_latency_s: Delay = Field(default=0.0, description="Time from a measurement to the controller, s.")
-    measurement_jitter_s: Delay = Field(default=0.0, description="Largest random addition to it, uniform from 0, s.")
-    dropped_commands: Fraction = Field(
-        default=0.0, description="Share of commands that are lost, 0 to 1; the drives keep the last one."
+    command_latency_s: Delay = key(0.0, "Time from a command's completion to the drives, s.")
+    command_jitter_s: Delay = key(0.0, "Largest random addition to it, uniform from 0, s.")
+    measurement_latency_s: Delay = key(0.0, "Time from a measurement to the controller, s.")
+    measurement_jitter_s: Delay = key(0.0, "Largest random addition to it, uniform from 0, s.")
+    dropped_commands: Fraction = key(0.0, "Share of commands that are lost, 0 to 1; the drives keep the last one.")
+    joint_position_noise_rad: Noise = key(
+        0.0, "Standard deviation of joint angles that a controller without an estimator receives, rad."
     )
-    joint_position_noise_rad: Noise = Field(
-        default=0.0,
-        description="Standard deviation of joint angles that a controller without an estimator receives, rad.",
+    joint_velocity_noise_rad_s: Noise = key(
+        0.0, "Standard deviation of joint speeds that a controller without an estimator receives, rad/s."
     )
-    joint_velocity_noise_rad_s: Noise = Field(
-        default=0.0,
-        description="Standard deviation of joint speeds that a controller without an estimator receives, rad/s.",
-    )
-    base_velocity_noise_m_s: Noise = Field(
-        default=0.0,
-        description="Standard deviation of the base's velocity that a controller without an estimator receives, m/s.",
+    base_velocity_noise_m_s: Noise = key(
+        0.0, "Standard deviation of the base's velocity that a controller without an estimator receives, m/s."
     )
 
     @property
@@ -67,29 +62,26 @@ class JointFault(Settings):
 
     joint: str = Field(min_length=1, description="Name of the joint.")
     at_s: NonNegative = Field(description="Time from which it does, s.")
-    torque_share: Fraction = Field(
-        default=0.0,
-        description="Share of the commanded torque, and of its limit, that the motor gives: 0 if it is dead.",
+    torque_share: Fraction = key(
+        0.0, "Share of the commanded torque, and of its limit, that the motor gives: 0 if it is dead."
     )
 
 
 class ActuatorSettings(Settings):
     """The drives of the joints, all alike but for faults; no controller's model contains them."""
 
-    bandwidth_hz: Positive | None = Field(
-        default=None, description="Corner frequency of the torque's first-order lag, Hz; null: none."
+    bandwidth_hz: Positive | None = key(None, "Corner frequency of the torque's first-order lag, Hz; null: none.")
+    torque_limit_nm: Positive | None = key(
+        None, "Actual torque limit, N.m; null: that of the robot, which controllers assume."
     )
-    torque_limit_nm: Positive | None = Field(
-        default=None, description="Actual torque limit, N.m; null: that of the robot, which controllers assume."
+    stall_torque_nm: Positive | None = key(
+        None, "Torque that the supply allows at rest, N.m; with no_load_speed_rad_s."
     )
-    stall_torque_nm: Positive | None = Field(
-        default=None, description="Torque that the supply allows at rest, N.m; with no_load_speed_rad_s."
-    )
-    no_load_speed_rad_s: Positive | None = Field(
-        default=None, description="Speed at which the supply allows no driving torque, rad/s; linear in between."
+    no_load_speed_rad_s: Positive | None = key(
+        None, "Speed at which the supply allows no driving torque, rad/s; linear in between."
     )
 
-    faults: tuple[JointFault, ...] = Field(default=(), description="Motors that fail; the last one of a joint holds.")
+    faults: tuple[JointFault, ...] = key((), "Motors that fail; the last one of a joint holds.")
 
     @model_validator(mode="after")
     def _line_is_whole(self) -> ActuatorSettings:
@@ -105,21 +97,16 @@ class TimingSettings(Settings):
     Where it is not ``ideal``, a command acts from the next tick on.
     """
 
-    computing: Literal["ideal", "measured", "modelled"] = Field(
-        default="ideal",
-        description="ideal: none. measured: measured on this machine. modelled: drawn from the quantiles.",
+    computing: Literal["ideal", "measured", "modelled"] = key(
+        "ideal", "ideal: none. measured: measured on this machine. modelled: drawn from the quantiles."
     )
-    tick_ms: Milliseconds = Field(
-        default=(0.08, 0.1, 0.11, 0.13, 0.4),
-        description="Quantiles, at equal steps of probability from 0 to 1, of a tick without planning, ms.",
+    tick_ms: Milliseconds = key(
+        (0.08, 0.1, 0.11, 0.13, 0.4),
+        "Quantiles, at equal steps of probability from 0 to 1, of a tick without planning, ms.",
     )
-    plan_ms: Milliseconds = Field(
-        default=(0.5, 0.7, 0.8, 1.0, 3.0),
-        description="Quantiles of planning, in addition in ticks that plan, ms.",
-    )
-    forecast_ms: Milliseconds = Field(
-        default=(0.4, 0.6, 0.7, 0.8, 1.0),
-        description="Quantiles of a forecast of steps, in addition in ticks with one, ms.",
+    plan_ms: Milliseconds = key((0.5, 0.7, 0.8, 1.0, 3.0), "Quantiles of planning, in addition in ticks that plan, ms.")
+    forecast_ms: Milliseconds = key(
+        (0.4, 0.6, 0.7, 0.8, 1.0), "Quantiles of a forecast of steps, in addition in ticks with one, ms."
     )
 
     @model_validator(mode="after")

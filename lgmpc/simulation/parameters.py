@@ -10,7 +10,7 @@ import pinocchio as pin
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from lgmpc.errors import ModelError
-from lgmpc.settings import Finite, Friction, NonNegative, Positive, Settings, Vector3, problem
+from lgmpc.settings import Finite, Friction, NonNegative, Positive, Settings, Vector3, key, problem
 from lgmpc.simulation.drives import ActuatorSettings, LinkSettings
 from lgmpc.typing import Array
 from lgmpc.world import Plane, World
@@ -35,53 +35,43 @@ InitialPosture = Annotated[
 class PlantSettings(Settings):
     """The physics engine and the simulated robot."""
 
-    kind: Literal["mujoco", "pinocchio"] = Field(default="mujoco", description="Physics engine.")
-    rate_hz: Annotated[Positive, Field(ge=10.0, le=1e6)] = Field(
-        default=1000.0, description="Steps of the engine per second, Hz, from 10 to 1e6."
+    kind: Literal["mujoco", "pinocchio"] = key("mujoco", "Physics engine.")
+    rate_hz: Annotated[Positive, Field(ge=10.0, le=1e6)] = key(
+        1000.0, "Steps of the engine per second, Hz, from 10 to 1e6."
     )
-    integrator: Literal["implicitfast", "implicit", "euler", "rk4"] = Field(
-        default="implicitfast", description="Integrator of MuJoCo. The Pinocchio plant has only the default."
+    integrator: Literal["implicitfast", "implicit", "euler", "rk4"] = key(
+        "implicitfast", "Integrator of MuJoCo. The Pinocchio plant has only the default."
     )
-    friction: Friction = Field(default=0.6, description="Coulomb friction coefficient between robot and ground.")
-    joint_friction_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.0, description="Coulomb friction of every joint, N.m."
+    friction: Friction = key(0.6, "Coulomb friction coefficient between robot and ground.")
+    joint_friction_nm: Annotated[NonNegative, Field(le=1e4)] = key(0.0, "Coulomb friction of every joint, N.m.")
+    joint_damping_nms: Annotated[NonNegative, Field(le=1e4)] = key(0.0, "Viscous friction of every joint, N.m.s/rad.")
+    mass_scale: Annotated[Positive, Field(ge=0.01, le=100.0)] = key(
+        1.0, "Factor on every mass and inertia of the simulated robot, from 0.01 to 100."
     )
-    joint_damping_nms: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.0, description="Viscous friction of every joint, N.m.s/rad."
+    base_added_mass_kg: Annotated[NonNegative, Field(le=1e4)] = key(
+        0.0, "Payload at the base's centre of mass (not scaled) that the controllers' model lacks, kg."
     )
-    mass_scale: Annotated[Positive, Field(ge=0.01, le=100.0)] = Field(
-        default=1.0, description="Factor on every mass and inertia of the simulated robot, from 0.01 to 100."
+    base_com_offset_m: Vector3 = key(
+        (0.0, 0.0, 0.0),
+        "Shift of the base's centre of mass, payload included, that the controllers' model lacks, base axes, m.",
     )
-    base_added_mass_kg: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.0,
-        description="Payload at the base's centre of mass (not scaled) that the controllers' model lacks, kg.",
-    )
-    base_com_offset_m: Vector3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Shift of the base's centre of mass, payload included, that the controllers' model lacks, base "
-        "axes, m.",
-    )
-    initial_posture: InitialPosture = Field(
-        default="reference",
-        description="Posture at the start: reference (that of the robot), lying (on its belly, the legs folded), or "
+    initial_posture: InitialPosture = key(
+        "reference",
+        "Posture at the start: reference (that of the robot), lying (on its belly, the legs folded), or "
         "{joint name or pattern: rad or m} for joints that differ from the reference; the lowest point on the ground.",
     )
-    initial_height_m: Annotated[NonNegative, Field(le=100.0)] = Field(
-        default=0.0, description="Height of the robot's lowest point above the ground at the start, m: it falls."
+    initial_height_m: Annotated[NonNegative, Field(le=100.0)] = key(
+        0.0, "Height of the robot's lowest point above the ground at the start, m: it falls."
     )
-    initial_attitude_deg: Vector3 = Field(
-        default=(0.0, 0.0, 0.0),
-        description="Rotation of the robot about its base at the start, a rotation vector in base axes, degrees: [180, "
+    initial_attitude_deg: Vector3 = key(
+        (0.0, 0.0, 0.0),
+        "Rotation of the robot about its base at the start, a rotation vector in base axes, degrees: [180, "
         "0, 0] is upside down. Its height and posture remain.",
     )
-    initial_velocity_m_s: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Initial velocity of the robot, base axes, m/s."
-    )
-    initial_rotation_rad_s: Vector3 = Field(
-        default=(0.0, 0.0, 0.0), description="Initial angular velocity of the robot, base axes, rad/s."
-    )
-    link: LinkSettings = Field(default=LinkSettings(), description="Delays, losses and noise of the link to the robot.")
-    actuators: ActuatorSettings = Field(default=ActuatorSettings(), description="The drives of the joints.")
+    initial_velocity_m_s: Vector3 = key((0.0, 0.0, 0.0), "Initial velocity of the robot, base axes, m/s.")
+    initial_rotation_rad_s: Vector3 = key((0.0, 0.0, 0.0), "Initial angular velocity of the robot, base axes, rad/s.")
+    link: LinkSettings = key(LinkSettings(), "Delays, losses and noise of the link to the robot.")
+    actuators: ActuatorSettings = key(ActuatorSettings(), "The drives of the joints.")
 
     @model_validator(mode="after")
     def _pinocchio_has_one_integrator(self) -> PlantSettings:

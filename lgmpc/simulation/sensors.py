@@ -12,7 +12,7 @@ from pydantic import Field
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
-from lgmpc.settings import Noise, NonNegative, Settings
+from lgmpc.settings import Noise, NonNegative, Settings, key
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.typing import Array
 
@@ -26,50 +26,34 @@ class SensorNoise(Settings):
     These are a 3DM-CX5-25, and encoders of 9 x 20000 counts.
     """
 
-    gyro_noise_rad_s_rt_hz: Noise = Field(
-        default=8.7e-5, description="Density of the gyro's white noise, rad/s/sqrt(Hz)."
+    gyro_noise_rad_s_rt_hz: Noise = key(8.7e-5, "Density of the gyro's white noise, rad/s/sqrt(Hz).")
+    gyro_bias_rad_s: Noise = key(7e-4, "Standard deviation of the gyro's bias at the start in each axis, rad/s.")
+    gyro_bias_walk_rad_s2_rt_hz: Noise = key(
+        1e-5, "Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
     )
-    gyro_bias_rad_s: Noise = Field(
-        default=7e-4, description="Standard deviation of the gyro's bias at the start in each axis, rad/s."
+    accelerometer_noise_m_s2_rt_hz: Noise = key(2.5e-4, "Density of the accelerometer's white noise, m/s2/sqrt(Hz).")
+    accelerometer_bias_m_s2: Noise = key(
+        0.02, "Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
     )
-    gyro_bias_walk_rad_s2_rt_hz: Noise = Field(
-        default=1e-5, description="Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
+    accelerometer_bias_walk_m_s3_rt_hz: Noise = key(
+        1e-4, "Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
     )
-    accelerometer_noise_m_s2_rt_hz: Noise = Field(
-        default=2.5e-4, description="Density of the accelerometer's white noise, m/s2/sqrt(Hz)."
+    encoder_noise_rad: Noise = key(5e-5, "Standard deviation of a joint angle, rad.")
+    encoder_step_rad: Noise = key(3.5e-5, "Angle between two counts of a joint's encoder, rad; 0: no rounding.")
+    joint_velocity_noise_rad_s: Noise = key(0.02, "Standard deviation of a joint's speed measured by its drive, rad/s.")
+    torque_noise_nm: Annotated[NonNegative, Field(le=1e4)] = key(
+        0.01, "Standard deviation of a joint torque measured by its motor current, N.m."
     )
-    accelerometer_bias_m_s2: Noise = Field(
-        default=0.02, description="Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
+    external_rate_hz: Annotated[NonNegative, Field(le=1e4)] = key(
+        0.0, "Rate of base poses and velocities by motion capture or another external source, Hz; 0: none."
     )
-    accelerometer_bias_walk_m_s3_rt_hz: Noise = Field(
-        default=1e-4, description="Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."
+    external_delay_s: Annotated[NonNegative, Field(le=1.0)] = key(
+        0.01, "Age of external poses and velocities when they arrive, s."
     )
-    encoder_noise_rad: Noise = Field(default=5e-5, description="Standard deviation of a joint angle, rad.")
-    encoder_step_rad: Noise = Field(
-        default=3.5e-5, description="Angle between two counts of a joint's encoder, rad; 0: no rounding."
-    )
-    joint_velocity_noise_rad_s: Noise = Field(
-        default=0.02, description="Standard deviation of a joint's speed measured by its drive, rad/s."
-    )
-    torque_noise_nm: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.01, description="Standard deviation of a joint torque measured by its motor current, N.m."
-    )
-    external_rate_hz: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=0.0,
-        description="Rate of base poses and velocities by motion capture or another external source, Hz; 0: none.",
-    )
-    external_delay_s: Annotated[NonNegative, Field(le=1.0)] = Field(
-        default=0.01, description="Age of external poses and velocities when they arrive, s."
-    )
-    external_position_noise_m: Noise = Field(
-        default=1e-3, description="Standard deviation of an external position in each axis, m."
-    )
-    external_rotation_noise_rad: Noise = Field(
-        default=2e-3, description="Standard deviation of an external orientation in each axis, rad."
-    )
-    external_velocity_noise_m_s: Noise | None = Field(
-        default=None,
-        description="Standard deviation of an external velocity in each axis, m/s. null: the source has poses only.",
+    external_position_noise_m: Noise = key(1e-3, "Standard deviation of an external position in each axis, m.")
+    external_rotation_noise_rad: Noise = key(2e-3, "Standard deviation of an external orientation in each axis, rad.")
+    external_velocity_noise_m_s: Noise | None = key(
+        None, "Standard deviation of an external velocity in each axis, m/s. null: the source has poses only."
     )
 
 

@@ -26,7 +26,7 @@ from pydantic import Field
 from lgmpc.actions import Action, penalize
 from lgmpc.ocp import KktResidual, PathFunctions, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity
-from lgmpc.settings import Positive
+from lgmpc.settings import Positive, key
 from lgmpc.solvers.fddp import Fddp, FddpSettings
 from lgmpc.solvers.loop import IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution
@@ -44,15 +44,13 @@ _ENDED = (Status.CONVERGED, Status.STALLED, Status.PRECISION_LIMIT)  # FDDP cann
 class AugmentedLagrangianSettings(SolverSettings):
     """Tolerance and penalties of :class:`AugmentedLagrangianFddp`."""
 
-    method: Literal["al_fddp"] = Field(
-        default="al_fddp", description="FDDP on an augmented Lagrangian; any constraints, from poor guesses."
+    method: Literal["al_fddp"] = key("al_fddp", "FDDP on an augmented Lagrangian; any constraints, from poor guesses.")
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = key(
+        3000, "Largest number of iterations, those of FDDP."
     )
-    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
-        default=3000, description="Largest number of iterations, those of FDDP."
-    )
-    tolerance: Positive = Field(
-        default=1e-6,
-        description="Largest residual of the constraints and their multipliers' signs, and of the Lagrangian's "
+    tolerance: Positive = key(
+        1e-6,
+        "Largest residual of the constraints and their multipliers' signs, and of the Lagrangian's "
         "gradient per 1 + the largest multiplier, of a solution.",
     )
 
@@ -71,11 +69,7 @@ class AugmentedLagrangianFddp(IterativeSolver):
     name = "augmented-Lagrangian FDDP"
     settings: AugmentedLagrangianSettings
 
-    def __init__(
-        self,
-        problem: ShootingProblem,
-        settings: AugmentedLagrangianSettings | None = None,
-    ) -> None:
+    def __init__(self, problem: ShootingProblem, settings: AugmentedLagrangianSettings | None = None) -> None:
         self.problem = problem
         self.settings = settings_of(problem, settings, AugmentedLagrangianSettings)
         made: dict[int, Action] = {}

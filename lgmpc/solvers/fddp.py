@@ -22,7 +22,7 @@ from pydantic import Field
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingFunctions, ShootingProblem, Trajectory
-from lgmpc.settings import Positive
+from lgmpc.settings import Positive, key
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.solvers.sweep import BackwardSweep, all_finite, bilinear, products
@@ -96,13 +96,11 @@ class FddpSettings(SolverSettings):
     2005), since it is a difference of them.
     """
 
-    method: Literal["fddp", "box_fddp"] = Field(
-        default="fddp", description="fddp: no constraints; box_fddp: bounds on controls."
-    )
-    tolerance: Positive = Field(default=1e-9, description="Largest expected reduction of the cost of a solution.")
-    stationarity: Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=True)] = Field(
-        default=1e-6,
-        description="Largest entry of the Lagrangian's gradient of a solution, per 1 + the largest multiplier; "
+    method: Literal["fddp", "box_fddp"] = key("fddp", "fddp: no constraints; box_fddp: bounds on controls.")
+    tolerance: Positive = key(1e-9, "Largest expected reduction of the cost of a solution.")
+    stationarity: Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=True)] = key(
+        1e-6,
+        "Largest entry of the Lagrangian's gradient of a solution, per 1 + the largest multiplier; "
         ".inf: of any size, as in Crocoddyl.",
     )
 
@@ -125,11 +123,7 @@ class Fddp(IterativeSolver):
     name = "FDDP"
     settings: FddpSettings
 
-    def __init__(
-        self,
-        problem: ShootingProblem,
-        settings: FddpSettings | None = None,
-    ) -> None:
+    def __init__(self, problem: ShootingProblem, settings: FddpSettings | None = None) -> None:
         self.problem = problem
         self.settings = settings_of(problem, settings, FddpSettings)
         self._check_constraints()

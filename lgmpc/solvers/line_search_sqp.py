@@ -32,6 +32,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.ocp import KktResidual, OcpQp, ShootingProblem, SubproblemFunctions, Trajectory, kkt_residual
+from lgmpc.settings import key
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.loop import Iterate, IterativeSolver, Progress, SolverSettings, settings_of
 from lgmpc.solvers.qp import ActiveSetSolver, DenseRiccati, QpSolver, make_qp_solver
@@ -57,12 +58,12 @@ _MARGIN = 1.5  # least ratio of the penalty to the largest multiplier
 class LineSearchSqpSettings(SolverSettings):
     """Tolerances of :class:`LineSearchSqp` and of its search."""
 
-    method: Literal["sqp"] = Field(default="sqp", description="SQP with a line search; any constraints.")
-    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
-        default=2000, description="Largest number of iterations, those of the augmented Lagrangian included."
+    method: Literal["sqp"] = key("sqp", "SQP with a line search; any constraints.")
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = key(
+        2000, "Largest number of iterations, those of the augmented Lagrangian included."
     )
-    tolerance: Annotated[float, Field(strict=True, ge=_LEAST_TOLERANCE, le=1e9, allow_inf_nan=False)] = Field(
-        default=1e-6, description="Largest residual of the optimality conditions of a solution."
+    tolerance: Annotated[float, Field(strict=True, ge=_LEAST_TOLERANCE, le=1e9, allow_inf_nan=False)] = key(
+        1e-6, "Largest residual of the optimality conditions of a solution."
     )
 
 

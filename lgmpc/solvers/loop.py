@@ -13,7 +13,7 @@ from pydantic import Field
 
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.settings import Positive, Settings
+from lgmpc.settings import Positive, Settings, key
 from lgmpc.solvers.solution import Solution
 from lgmpc.status import Status
 from lgmpc.typing import Array, instance
@@ -25,11 +25,9 @@ class SolverSettings(Settings):
     """Termination of a solver. A config selects the solver by ``method``."""
 
     method: str
-    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = Field(
-        default=200, description="Largest number of iterations."
-    )
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = key(200, "Largest number of iterations.")
     tolerance: Positive
-    time_limit_s: Positive | None = Field(default=None, description="Time limit, s, compilation excluded. null: none.")
+    time_limit_s: Positive | None = key(None, "Time limit, s, compilation excluded. null: none.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, MultipleShooting, ShootingProblem, Trajectory, transcribe
-from lgmpc.settings import Positive, problem as problem_with
+from lgmpc.settings import Positive, key, problem as problem_with
 from lgmpc.solvers.loop import Callback, Progress, Solver, SolverSettings, settings_of
 from lgmpc.solvers.solution import Solution, Timings
 from lgmpc.status import Status
@@ -38,12 +38,8 @@ _STATUS = {
 class NlpSettings(SolverSettings):
     """Method, tolerance and limits of :class:`NlpSolver`."""
 
-    method: Literal["ipopt", "fatrop"] = Field(
-        default="ipopt", description="Interior-point solvers with exact Hessians; any constraints."
-    )
-    tolerance: Positive = Field(
-        default=1e-8, description="Largest residual of the optimality conditions of a solution."
-    )
+    method: Literal["ipopt", "fatrop"] = key("ipopt", "Interior-point solvers with exact Hessians; any constraints.")
+    tolerance: Positive = key(1e-8, "Largest residual of the optimality conditions of a solution.")
 
     @model_validator(mode="after")
     def _fatrop_has_no_clock(self) -> NlpSettings:
@@ -63,11 +59,7 @@ class NlpSolver(Solver):
         InputError: fatrop, for a problem with actions of Python.
     """
 
-    def __init__(
-        self,
-        problem: ShootingProblem,
-        settings: NlpSettings | None = None,
-    ) -> None:
+    def __init__(self, problem: ShootingProblem, settings: NlpSettings | None = None) -> None:
         self.settings: NlpSettings = settings_of(problem, settings, NlpSettings)
         self.name, self.interruptible = self.settings.method, self.settings.method == "ipopt"
         self.problem = problem

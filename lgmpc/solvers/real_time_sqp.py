@@ -49,11 +49,7 @@ class RealTimeSqp:
         MissingDependencyError: its package is not installed.
     """
 
-    def __init__(
-        self,
-        problem: ShootingProblem,
-        qp_solver: str | Callable[[OcpQp], QpSolver] = "active_set",
-    ) -> None:
+    def __init__(self, problem: ShootingProblem, qp_solver: str | Callable[[OcpQp], QpSolver] = "active_set") -> None:
         instance("problem", problem, ShootingProblem, "a ShootingProblem")
         self.problem = problem
         state = problem.action.state  # controls and multipliers are shifted: all nodes have the same

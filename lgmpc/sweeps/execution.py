@@ -129,9 +129,7 @@ def run_sweep(
     if workers is not None and workers < 1:
         raise InputError("workers", workers, "at least 1")
     received = None
-    with (
-        closing(SweepFolder.open(folder, sweep, resume=resume)) as place,
-    ):
+    with closing(SweepFolder.open(folder, sweep, resume=resume)) as place:
         session = _Session(sweep, place, progress)
         try:
             with stop_signals() as stop:

@@ -17,6 +17,7 @@ from lgmpc.settings import (
     Range,
     RangeFromZero,
     Settings,
+    key,
     problem,
     problems,
 )
@@ -51,8 +52,8 @@ class Directions(_Factor):
 
     kind: Literal["directions"] = Field(description="Horizontal vectors [x, y, 0] around the circle.")
     count: Points = Field(description="Number of vectors.")
-    size: Positive = Field(default=1.0, description="Length of the vectors, in the unit of the key.")
-    start_deg: Finite = Field(default=0.0, description="Angle of the first vector from the x axis, degrees.")
+    size: Positive = key(1.0, "Length of the vectors, in the unit of the key.")
+    start_deg: Finite = key(0.0, "Angle of the first vector from the x axis, degrees.")
 
 
 class Uniform(_Factor):
@@ -101,10 +102,10 @@ class Samples(Settings):
     """Random draws of several keys at once. Every draw gets a seed of its own as key ``seed``."""
 
     count: Points = Field(description="Number of draws.")
-    seed: Number = Field(default=0, description="Seed of the draws; draw i runs with seed + i.")
-    method: Literal["random", "latin_hypercube"] = Field(
-        default="random",
-        description="random: independent draws. latin_hypercube: each key's distribution is cut into `count` parts of "
+    seed: Number = key(0, "Seed of the draws; draw i runs with seed + i.")
+    method: Literal["random", "latin_hypercube"] = key(
+        "random",
+        "random: independent draws. latin_hypercube: each key's distribution is cut into `count` parts of "
         "equal probability, and each part is drawn from once.",
     )
     keys: Annotated[tuple[Distribution, ...], Field(min_length=1)] = Field(description="Distributions to draw from.")
@@ -130,14 +131,14 @@ class BisectionSettings(Settings):
 class LogChoice(Settings):
     """Selection of the run folders to keep."""
 
-    keep: Number = Field(default=10, description="Largest number of run folders: failures first, the earliest of them.")
+    keep: Number = key(10, "Largest number of run folders: failures first, the earliest of them.")
 
 
 class Expectation(Settings):
     """Limits on the figures of the sweep; a point that raises, hangs or ends its process fails every sweep."""
 
-    min_pass_fraction: Fraction | None = Field(default=None, description="Smallest share of points that pass, 0 to 1.")
-    min_boundary: NonNegative | None = Field(default=None, description="Smallest boundary that a bisection may find.")
+    min_pass_fraction: Fraction | None = key(None, "Smallest share of points that pass, 0 to 1.")
+    min_boundary: NonNegative | None = key(None, "Smallest boundary that a bisection may find.")
 
 
 class SweepSettings(Settings):
@@ -149,29 +150,25 @@ class SweepSettings(Settings):
         description="Name of the sweep; that of its folder, so letters, digits, '.', '_' and '-' only.",
     )
     base: Keys = Field(description="A config of a closed loop (file, or name of a shipped one), or a list of them.")
-    set: Mapping[str, Any] = Field(default={}, description="Changes of the base configs, for all points.")
-    factors: tuple[Factor, ...] = Field(default=(), description="Factors, varied in all combinations.")
-    samples: Samples | None = Field(default=None, description="Random draws, at every combination.")
-    variants: Mapping[str, Mapping[str, Any]] = Field(
-        default={},
-        description="Named changes, each run at all the same points with the same seeds: compared in pairs.",
+    set: Mapping[str, Any] = key({}, "Changes of the base configs, for all points.")
+    factors: tuple[Factor, ...] = key((), "Factors, varied in all combinations.")
+    samples: Samples | None = key(None, "Random draws, at every combination.")
+    variants: Mapping[str, Mapping[str, Any]] = key(
+        {}, "Named changes, each run at all the same points with the same seeds: compared in pairs."
     )
     paired: bool = Field(
         default=True,
         strict=True,
         description="Whether the variants are compared with the first one, in pairs: not useful for different robots.",
     )
-    bisect: BisectionSettings | None = Field(default=None, description="A boundary that is searched at every point.")
-    gate: Gate | None = Field(default=None, description="Criteria of success; they replace those of the bases.")
-    metrics: tuple[str, ...] | None = Field(
-        default=None, description="Metrics to keep (see metrics of a run.json); all if not given."
-    )
-    expect: Expectation = Field(default=Expectation(), description="Criteria of success of the sweep.")
-    logs: LogChoice = Field(default=LogChoice(), description="Run folders to keep.")
-    time_limit_s: Positive = Field(default=900.0, description="Longest time that a point may compute, s.")
-    memory_limit_gb: Positive = Field(
-        default=8.0,
-        description="Memory that a worker process may allocate, GB; a point that exceeds it fails.",
+    bisect: BisectionSettings | None = key(None, "A boundary that is searched at every point.")
+    gate: Gate | None = key(None, "Criteria of success; they replace those of the bases.")
+    metrics: tuple[str, ...] | None = key(None, "Metrics to keep (see metrics of a run.json); all if not given.")
+    expect: Expectation = key(Expectation(), "Criteria of success of the sweep.")
+    logs: LogChoice = key(LogChoice(), "Run folders to keep.")
+    time_limit_s: Positive = key(900.0, "Longest time that a point may compute, s.")
+    memory_limit_gb: Positive = key(
+        8.0, "Memory that a worker process may allocate, GB; a point that exceeds it fails."
     )
 
     @model_validator(mode="after")

@@ -185,12 +185,7 @@ class Scene:
             "metadata": {"version": 4.5, "type": "Object"},
             "geometries": [{"uuid": geometry, "type": "BufferGeometry", "data": data}],
             "materials": [material],
-            "object": {
-                "uuid": self._uuid(),
-                "type": kind,
-                "geometry": geometry,
-                "material": material["uuid"],
-            },
+            "object": {"uuid": self._uuid(), "type": kind, "geometry": geometry, "material": material["uuid"]},
         }
         self._commands.append({"type": "set_object", "path": path, "object": content})
 

@@ -11,7 +11,18 @@ from pydantic import Field, field_validator
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, turning_factor, weight_factor
-from lgmpc.settings import Count, Extension, NonNegative, Positive, Problem, RangeFromZero, Settings, Vector3, problems
+from lgmpc.settings import (
+    Count,
+    Extension,
+    NonNegative,
+    Positive,
+    Problem,
+    RangeFromZero,
+    Settings,
+    Vector3,
+    key,
+    problems,
+)
 
 _NORMAL_FORCE = (0.04, 24.0)
 """Bounds on normal forces, N per kg of the robot: a foot in contact is loaded slightly, and one foot can carry the
@@ -22,7 +33,7 @@ class Gain(Settings):
     """Feedback of a task: acceleration = kp (target - position) + kd (target rate - rate)."""
 
     kp: NonNegative = Field(description="Stiffness, 1/s2.")
-    kd: NonNegative | None = Field(default=None, description="Damping, 1/s. null: critical, 2 sqrt(kp).")
+    kd: NonNegative | None = key(None, "Damping, 1/s. null: critical, 2 sqrt(kp).")
 
     @property
     def damping(self) -> float:
@@ -37,21 +48,19 @@ class OwnTask(Extension):
     and a function with the robot before these.
     """
 
-    gain: Gain = Field(default=Gain(kp=100.0), description="Feedback.")
-    weight: NonNegative = Field(default=1.0, description="Weight of the squared errors.")
+    gain: Gain = key(Gain(kp=100.0), "Feedback.")
+    weight: NonNegative = key(1.0, "Weight of the squared errors.")
 
 
 class HandMove(Settings):
     """A smooth motion of a hand to a pose, from wherever its target is at the time; what is omitted stays."""
 
     at_s: NonNegative = Field(description="Begin of the motion, s.")
-    duration_s: Annotated[Positive, Field(ge=0.05)] = Field(
-        default=1.0, description="Duration, s, at least 0.05; velocity and acceleration are zero at both ends."
+    duration_s: Annotated[Positive, Field(ge=0.05)] = key(
+        1.0, "Duration, s, at least 0.05; velocity and acceleration are zero at both ends."
     )
-    position_m: Vector3 | None = Field(default=None, description="[ahead, left, up] from the base's origin, m.")
-    rpy_deg: Vector3 | None = Field(
-        default=None, description="[roll, pitch, yaw] of the frame: Rz(yaw) Ry(pitch) Rx(roll), degrees."
-    )
+    position_m: Vector3 | None = key(None, "[ahead, left, up] from the base's origin, m.")
+    rpy_deg: Vector3 | None = key(None, "[roll, pitch, yaw] of the frame: Rz(yaw) Ry(pitch) Rx(roll), degrees.")
 
 
 class HandSettings(Settings):
@@ -61,20 +70,18 @@ class HandSettings(Settings):
     """
 
     frame: str = Field(min_length=1, description="Name of the frame (link) that is held; of the task, too.")
-    relative_to: Literal["world", "base"] = Field(
-        default="base", description="base: it moves with the base as measured; world: it stays while the base moves."
+    relative_to: Literal["world", "base"] = key(
+        "base", "base: it moves with the base as measured; world: it stays while the base moves."
     )
-    gain: Gain = Field(default=Gain(kp=1600.0), description="Feedback of position and rotation.")
-    integral_gain: NonNegative = Field(
-        default=0.0, description="Feedback of the integrals of the errors, against lasting pulls, 1/s3."
-    )
-    weight: NonNegative = Field(default=100.0, description="Weight of the linear acceleration.")
-    rotation_weight: NonNegative = Field(default=10.0, description="Weight of the angular acceleration.")
+    gain: Gain = key(Gain(kp=1600.0), "Feedback of position and rotation.")
+    integral_gain: NonNegative = key(0.0, "Feedback of the integrals of the errors, against lasting pulls, 1/s3.")
+    weight: NonNegative = key(100.0, "Weight of the linear acceleration.")
+    rotation_weight: NonNegative = key(10.0, "Weight of the angular acceleration.")
     # Less than a millimetre is below the errors of any arm; more than a metre lets a distant target throw the robot.
-    largest_error_m: Annotated[float, Field(strict=True, ge=1e-3, le=1.0)] = Field(
-        default=0.03, description="Error to which the feedback is limited: a target out of reach does not pull over, m."
+    largest_error_m: Annotated[float, Field(strict=True, ge=1e-3, le=1.0)] = key(
+        0.03, "Error to which the feedback is limited: a target out of reach does not pull over, m."
     )
-    moves: tuple[HandMove, ...] = Field(default=(), description="Motions, in order of time.")
+    moves: tuple[HandMove, ...] = key((), "Motions, in order of time.")
 
     @field_validator("moves")
     @classmethod
@@ -94,19 +101,18 @@ class WholeBodyWeights(Settings):
     Those of momenta and forces are for a robot of 2.5 kg; they are divided by the square of the mass ratio.
     """
 
-    com: Vector3 = Field(default=(10.0, 10.0, 10.0), description="Acceleration of the centre of mass [x, y, z].")
-    base_orientation: NonNegative = Field(default=0.1, description="Angular acceleration of the base.")
-    base_position: NonNegative = Field(default=0.0, description="Linear acceleration of the base.")
-    angular_momentum: NonNegative = Field(default=100.0, description="Rate of the angular momentum (scaled by mass).")
-    posture: NonNegative = Field(default=1e-3, description="Joint accelerations towards the reference posture.")
-    upper_body_joints: NonNegative = Field(
-        default=10.0,
-        description="Accelerations of joints that move no foot, such as an arm's, towards the reference posture.",
+    com: Vector3 = key((10.0, 10.0, 10.0), "Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = key(0.1, "Angular acceleration of the base.")
+    base_position: NonNegative = key(0.0, "Linear acceleration of the base.")
+    angular_momentum: NonNegative = key(100.0, "Rate of the angular momentum (scaled by mass).")
+    posture: NonNegative = key(1e-3, "Joint accelerations towards the reference posture.")
+    upper_body_joints: NonNegative = key(
+        10.0, "Accelerations of joints that move no foot, such as an arm's, towards the reference posture."
     )
-    stance: NonNegative = Field(default=1e3, description="Acceleration of the feet in contact, which should not move.")
-    swing: NonNegative = Field(default=10.0, description="Acceleration of the feet in the air.")
-    force: NonNegative = Field(default=1e-4, description="Contact forces, towards those of the MPC (scaled by mass).")
-    acceleration: NonNegative = Field(default=1e-6, description="All accelerations (regularisation).")
+    stance: NonNegative = key(1e3, "Acceleration of the feet in contact, which should not move.")
+    swing: NonNegative = key(10.0, "Acceleration of the feet in the air.")
+    force: NonNegative = key(1e-4, "Contact forces, towards those of the MPC (scaled by mass).")
+    acceleration: NonNegative = key(1e-6, "All accelerations (regularisation).")
 
 
 class SteppingWeights(Settings):
@@ -117,12 +123,10 @@ class SteppingWeights(Settings):
     nearly unloads feet, errors of height and attitude are preferable to steps.
     """
 
-    com: Vector3 = Field(default=(100.0, 100.0, 100.0), description="Acceleration of the centre of mass [x, y, z].")
-    base_orientation: NonNegative = Field(
-        default=1.5, description="Angular acceleration of the base (scaled by mass: for 2.5 kg)."
-    )
-    angular_momentum: NonNegative = Field(default=1.0, description="Rate of the angular momentum (scaled by mass).")
-    posture: NonNegative = Field(default=1e-4, description="Joint accelerations towards the reference posture.")
+    com: Vector3 = key((100.0, 100.0, 100.0), "Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = key(1.5, "Angular acceleration of the base (scaled by mass: for 2.5 kg).")
+    angular_momentum: NonNegative = key(1.0, "Rate of the angular momentum (scaled by mass).")
+    posture: NonNegative = key(1e-4, "Joint accelerations towards the reference posture.")
 
 
 class ShortSupportWeights(Settings):
@@ -132,81 +136,73 @@ class ShortSupportWeights(Settings):
     Trunk and arms turn to stop a push: what they take up of its moment, the soles need not.
     """
 
-    com: Vector3 = Field(default=(100.0, 100.0, 100.0), description="Acceleration of the centre of mass [x, y, z].")
-    base_orientation: NonNegative = Field(
-        default=0.03, description="Angular acceleration of the base (scaled by mass: for 2.5 kg)."
-    )
-    angular_momentum: NonNegative = Field(default=0.1, description="Rate of the angular momentum (scaled by mass).")
-    posture: NonNegative = Field(default=1e-4, description="Joint accelerations towards the reference posture.")
-    upper_body_joints: NonNegative = Field(
-        default=0.01, description="Accelerations of joints that move no foot towards the reference posture."
+    com: Vector3 = key((100.0, 100.0, 100.0), "Acceleration of the centre of mass [x, y, z].")
+    base_orientation: NonNegative = key(0.03, "Angular acceleration of the base (scaled by mass: for 2.5 kg).")
+    angular_momentum: NonNegative = key(0.1, "Rate of the angular momentum (scaled by mass).")
+    posture: NonNegative = key(1e-4, "Joint accelerations towards the reference posture.")
+    upper_body_joints: NonNegative = key(
+        0.01, "Accelerations of joints that move no foot towards the reference posture."
     )
 
 
 class WholeBodyGains(Settings):
     """Feedback gains of the tasks."""
 
-    com: Gain = Field(default=Gain(kp=100.0), description="Centre of mass.")
-    base_orientation: Gain = Field(default=Gain(kp=400.0), description="Orientation of the base.")
-    base_position: Gain = Field(default=Gain(kp=100.0), description="Position of the base.")
-    angular_momentum: NonNegative = Field(default=10.0, description="Centroidal angular momentum, 1/s.")
-    posture: Gain = Field(default=Gain(kp=100.0), description="Joint positions.")
-    stance_damping: NonNegative = Field(default=20.0, description="Velocity of the feet in contact, 1/s.")
-    swing: Gain = Field(default=Gain(kp=1600.0), description="Feet in the air.")
+    com: Gain = key(Gain(kp=100.0), "Centre of mass.")
+    base_orientation: Gain = key(Gain(kp=400.0), "Orientation of the base.")
+    base_position: Gain = key(Gain(kp=100.0), "Position of the base.")
+    angular_momentum: NonNegative = key(10.0, "Centroidal angular momentum, 1/s.")
+    posture: Gain = key(Gain(kp=100.0), "Joint positions.")
+    stance_damping: NonNegative = key(20.0, "Velocity of the feet in contact, 1/s.")
+    swing: Gain = key(Gain(kp=1600.0), "Feet in the air.")
 
 
 class WholeBodySettings(Settings):
     """Whole-body quadratic programme over accelerations and contact forces."""
 
     # No drives are faster than 20 kHz; below 10 Hz a falling robot tilts by degrees between two ticks.
-    rate_hz: Annotated[float, Field(strict=True, ge=10.0, le=20_000.0)] = Field(
-        default=1000.0, description="Ticks per second, Hz."
-    )
+    rate_hz: Annotated[float, Field(strict=True, ge=10.0, le=20_000.0)] = key(1000.0, "Ticks per second, Hz.")
     # Rubber on dry ground stays below 2; no force can be held with almost none.
-    friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = Field(
-        default=0.6, description="Friction coefficient assumed by the controller."
+    friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = key(
+        0.6, "Friction coefficient assumed by the controller."
     )
-    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = Field(
-        default=None,
-        description="Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4.",
+    friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = key(
+        None, "Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4."
     )
-    normal_force_n: RangeFromZero | None = Field(
-        default=None,
-        description="[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 24 per kg of the robot.",
+    normal_force_n: RangeFromZero | None = key(
+        None, "[lowest, highest] normal force of a foot in contact, N. null: 0.04 and 24 per kg of the robot."
     )
     # Shorter than a tick of the fastest drive, the bound allows a joint to pass its limit between two ticks; beyond
     # seconds, every joint is always near its limit.
-    joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = Field(
-        default=0.02, description="Look-ahead within which no joint may exceed its position or velocity limit, s."
+    joint_horizon_s: Annotated[float, Field(strict=True, ge=1e-4, le=10.0)] = key(
+        0.02, "Look-ahead within which no joint may exceed its position or velocity limit, s."
     )
     # Below 1 rad/s2 a joint past its limit hardly returns; beyond 1e6 the number means no bound.
-    joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = Field(
-        default=2000.0, description="Largest acceleration that the joint limits may require, rad/s2."
+    joint_acceleration_max_rad_s2: Annotated[float, Field(strict=True, ge=1.0, le=1e6)] = key(
+        2000.0, "Largest acceleration that the joint limits may require, rad/s2."
     )
-    weights: WholeBodyWeights = Field(default=WholeBodyWeights(), description="Weights of the tasks.")
-    stepping_weights: SteppingWeights = Field(
-        default=SteppingWeights(), description="Weights of tasks while the robot steps."
-    )
-    short_support_weights: ShortSupportWeights = Field(
-        default=ShortSupportWeights(),
-        description="Weights of tasks while a robot stands whose centre of mass is nearer to the edge of its support"
+    weights: WholeBodyWeights = key(WholeBodyWeights(), "Weights of the tasks.")
+    stepping_weights: SteppingWeights = key(SteppingWeights(), "Weights of tasks while the robot steps.")
+    short_support_weights: ShortSupportWeights = key(
+        ShortSupportWeights(),
+        "Weights of tasks while a robot stands whose centre of mass is nearer to the edge of its support"
         " than a quarter of its height, such as a humanoid.",
     )
-    gains: WholeBodyGains = Field(default=WholeBodyGains(), description="Gains of the tasks.")
-    hands: tuple[HandSettings, ...] = Field(default=(), description="Frames to hold and to move, such as a gripper.")
-    tasks: tuple[OwnTask, ...] = Field(default=(), description="Tasks of one's own, beside the standard ones.")
-    solver: Literal["active_set", "proxqp"] = Field(
-        default="active_set",
-        description="active_set: exact, compiled, warm-started from the last tick's active limits; ProxQP where it "
+    gains: WholeBodyGains = key(WholeBodyGains(), "Gains of the tasks.")
+    hands: tuple[HandSettings, ...] = key((), "Frames to hold and to move, such as a gripper.")
+    tasks: tuple[OwnTask, ...] = key((), "Tasks of one's own, beside the standard ones.")
+    solver: Literal["active_set", "proxqp"] = key(
+        "active_set",
+        "active_set: exact, compiled, warm-started from the last tick's active limits; ProxQP where it "
         "fails. proxqp: ProxQP alone.",
     )
     # Rounding of the residuals is about 1e-12; residuals of a tenth of a newton make the torques useless.
-    tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = Field(
-        default=1e-5, description="Tolerance of the solver on residuals."
+    tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = key(
+        1e-5, "Tolerance of the solver on residuals."
     )
-    max_iterations: Count = Field(default=50, description="Largest number of solver iterations per tick.")
-    fallback_damping_nms: NonNegative = Field(
-        default=0.1, description="Joint damping added to the last command when the solver failed, N.m.s/rad."
+    max_iterations: Count = key(50, "Largest number of solver iterations per tick.")
+    fallback_damping_nms: NonNegative = key(
+        0.1, "Joint damping added to the last command when the solver failed, N.m.s/rad."
     )
 
     def scaled(self, robot: Robot) -> WholeBodySettings:

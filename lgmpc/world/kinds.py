@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from typing_extensions import Self
 
 from lgmpc.errors import InputError
-from lgmpc.settings import Count, Finite, Fraction, Friction, Positive, Settings, Vector2, Words, problem
+from lgmpc.settings import Count, Finite, Fraction, Friction, Positive, Settings, Vector2, Words, key, problem
 from lgmpc.typing import Array
 from lgmpc.world.heights import HeightField, read_heights
 from lgmpc.world.layout import Layout, incline
@@ -42,12 +42,10 @@ _BELOW_PATCHES_M = 0.05
 class Ground(Settings):
     """Settings of every kind of ground."""
 
-    height_m: Place = Field(default=0.0, description="Height of the ground at the world's origin, m.")
-    start_m: Vector2 = Field(default=(0.0, 0.0), description="Where the robot starts, [x, y], m.")
-    start_yaw_deg: Finite = Field(default=0.0, description="Heading of the robot at the start, degrees.")
-    soft: Softness | None = Field(
-        default=None, description="Ground that gives way, the same in both plants; null: hard ground."
-    )
+    height_m: Place = key(0.0, "Height of the ground at the world's origin, m.")
+    start_m: Vector2 = key((0.0, 0.0), "Where the robot starts, [x, y], m.")
+    start_yaw_deg: Finite = key(0.0, "Heading of the robot at the start, degrees.")
+    soft: Softness | None = key(None, "Ground that gives way, the same in both plants; null: hard ground.")
 
 
 OF_WORLD = frozenset(Ground.model_fields) | {"ahead_m", "width_m", "seed"}
@@ -57,20 +55,18 @@ OF_WORLD = frozenset(Ground.model_fields) | {"ahead_m", "width_m", "seed"}
 class Laid(Ground):
     """Settings of ground that is laid out along the x axis, with a level area at the origin to start from."""
 
-    ahead_m: Annotated[Finite, Field(ge=0.0, le=100.0)] = Field(
-        default=1.0, description="Level ground ahead of the world's origin, m."
-    )
-    width_m: Size = Field(default=2.0, description="Width of the parts that are not level, m.")
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = Field(
-        default=None, description="Seed of what is random in the ground; null: that of the run."
+    ahead_m: Annotated[Finite, Field(ge=0.0, le=100.0)] = key(1.0, "Level ground ahead of the world's origin, m.")
+    width_m: Size = key(2.0, "Width of the parts that are not level, m.")
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = key(
+        None, "Seed of what is random in the ground; null: that of the run."
     )
 
 
 class Part(Laid):
     """One part of the ground."""
 
-    friction: Friction | None = Field(
-        default=None, description="Coulomb coefficient of this part; null: that of all the ground, plant.friction."
+    friction: Friction | None = key(
+        None, "Coulomb coefficient of this part; null: that of all the ground, plant.friction."
     )
 
     @abstractmethod
@@ -81,11 +77,11 @@ class Part(Laid):
 class Ramp(Part):
     """An inclined plane between two level ones."""
 
-    kind: Literal["ramp"] = Field(default="ramp", description="An inclined plane between two level ones.")
-    angle_deg: Angle = Field(default=10.0, description="Inclination, degrees; negative: downhill.")
-    length_m: Size = Field(default=1.5, description="Horizontal length, m.")
-    landing_m: Size = Field(default=1.0, description="Length of the level ground behind it, m.")
-    back: bool = Field(default=False, description="Whether a second ramp leads back to the first level.")
+    kind: Literal["ramp"] = key("ramp", "An inclined plane between two level ones.")
+    angle_deg: Angle = key(10.0, "Inclination, degrees; negative: downhill.")
+    length_m: Size = key(1.5, "Horizontal length, m.")
+    landing_m: Size = key(1.0, "Length of the level ground behind it, m.")
+    back: bool = key(False, "Whether a second ramp leads back to the first level.")
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add ramp and landing."""
@@ -101,12 +97,12 @@ class Ramp(Part):
 class Stairs(Part):
     """Steps of equal height; a single one is a step, or a drop."""
 
-    kind: Literal["stairs"] = Field(default="stairs", description="Steps of equal height.")
-    rise_m: Rise = Field(default=0.05, description="Height of a step, m; negative: downstairs.")
-    tread_m: Size = Field(default=0.25, description="Depth of a step, m.")
-    steps: Annotated[Count, Field(le=200)] = Field(default=5, description="Number of steps.")
-    landing_m: Size = Field(default=1.0, description="Length of the level ground behind the last step, m.")
-    back: bool = Field(default=False, description="Whether as many steps lead back to the first level.")
+    kind: Literal["stairs"] = key("stairs", "Steps of equal height.")
+    rise_m: Rise = key(0.05, "Height of a step, m; negative: downstairs.")
+    tread_m: Size = key(0.25, "Depth of a step, m.")
+    steps: Annotated[Count, Field(le=200)] = key(5, "Number of steps.")
+    landing_m: Size = key(1.0, "Length of the level ground behind the last step, m.")
+    back: bool = key(False, "Whether as many steps lead back to the first level.")
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add steps, each as deep as all that are above it, and landing."""
@@ -128,8 +124,8 @@ class Stairs(Part):
 class Tiled(Part):
     """A part of squares in a grid."""
 
-    size_m: Size = Field(default=0.12, description="Side of a block, a stone or a patch, m.")
-    length_m: Size = Field(default=3.0, description="Length of the whole, m; rounded down to whole squares.")
+    size_m: Size = key(0.12, "Side of a block, a stone or a patch, m.")
+    length_m: Size = key(3.0, "Length of the whole, m; rounded down to whole squares.")
 
     @property
     def pitch(self) -> float:
@@ -163,8 +159,8 @@ class Tiled(Part):
 class Blocks(Tiled):
     """Square blocks of random heights side by side."""
 
-    kind: Literal["blocks"] = Field(default="blocks", description="Square blocks of random heights side by side.")
-    max_height_m: Annotated[Positive, Field(le=2.0)] = Field(default=0.04, description="Of the highest block, m.")
+    kind: Literal["blocks"] = key("blocks", "Square blocks of random heights side by side.")
+    max_height_m: Annotated[Positive, Field(le=2.0)] = key(0.04, "Of the highest block, m.")
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add the blocks."""
@@ -176,15 +172,15 @@ class Blocks(Tiled):
 class Stones(Tiled):
     """Stepping stones."""
 
-    kind: Literal["stones"] = Field(default="stones", description="Stepping stones.")
-    gap_m: Size = Field(default=0.08, description="Mean distance between stones, m.")
-    shift_m: Annotated[Finite, Field(ge=0.0, le=1.0)] = Field(
-        default=0.0, description="Largest displacement of a stone from its place in the grid, each way, m."
+    kind: Literal["stones"] = key("stones", "Stepping stones.")
+    gap_m: Size = key(0.08, "Mean distance between stones, m.")
+    shift_m: Annotated[Finite, Field(ge=0.0, le=1.0)] = key(
+        0.0, "Largest displacement of a stone from its place in the grid, each way, m."
     )
-    uneven_m: Annotated[Finite, Field(ge=0.0, le=1.0)] = Field(
-        default=0.0, description="Largest difference of the height of a stone from that of the ground before, m."
+    uneven_m: Annotated[Finite, Field(ge=0.0, le=1.0)] = key(
+        0.0, "Largest difference of the height of a stone from that of the ground before, m."
     )
-    depth_m: Size = Field(default=0.3, description="Depth of the ground between them, m.")
+    depth_m: Size = key(0.3, "Depth of the ground between them, m.")
 
     @property
     def pitch(self) -> float:
@@ -209,11 +205,11 @@ class Stones(Tiled):
 class Gaps(Part):
     """Ditches across the way."""
 
-    kind: Literal["gaps"] = Field(default="gaps", description="Ditches across the way.")
-    gap_m: Size = Field(default=0.08, description="Width of a ditch, m.")
-    depth_m: Size = Field(default=0.3, description="Depth of a ditch, m.")
-    count: Annotated[Count, Field(le=200)] = Field(default=3, description="Number of ditches.")
-    spacing_m: Size = Field(default=0.4, description="Level ground behind each ditch, m.")
+    kind: Literal["gaps"] = key("gaps", "Ditches across the way.")
+    gap_m: Size = key(0.08, "Width of a ditch, m.")
+    depth_m: Size = key(0.3, "Depth of a ditch, m.")
+    count: Annotated[Count, Field(le=200)] = key(3, "Number of ditches.")
+    spacing_m: Size = key(0.4, "Level ground behind each ditch, m.")
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add ditches and what is between them."""
@@ -227,10 +223,10 @@ class Gaps(Part):
 class Patches(Tiled):
     """Level ground with slippery patches."""
 
-    kind: Literal["patches"] = Field(default="patches", description="Level ground with slippery patches.")
-    patch_friction: Friction = Field(default=0.15, description="Coulomb coefficient of the patches.")
-    size_m: Size = Field(default=0.3, description="Side of a patch, m.")
-    share: Fraction = Field(default=0.4, description="Share of the ground that is slippery; 1: all of it.")
+    kind: Literal["patches"] = key("patches", "Level ground with slippery patches.")
+    patch_friction: Friction = key(0.15, "Coulomb coefficient of the patches.")
+    size_m: Size = key(0.3, "Side of a patch, m.")
+    share: Fraction = key(0.4, "Share of the ground that is slippery; 1: all of it.")
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add the patches."""
@@ -243,11 +239,11 @@ class Patches(Tiled):
 class Hills(Part):
     """Smooth random hills, level at both ends."""
 
-    kind: Literal["hills"] = Field(default="hills", description="Smooth random hills, level at both ends.")
-    max_height_m: Annotated[Positive, Field(le=5.0)] = Field(default=0.1, description="Of the highest hill, m.")
-    wavelength_m: Size = Field(default=0.6, description="Distance of hills, m.")
-    cell_m: Size = Field(default=0.03, description="Distance of the points of the height field, m.")
-    length_m: Size = Field(default=3.0, description="Length of the whole, m.")
+    kind: Literal["hills"] = key("hills", "Smooth random hills, level at both ends.")
+    max_height_m: Annotated[Positive, Field(le=5.0)] = key(0.1, "Of the highest hill, m.")
+    wavelength_m: Size = key(0.6, "Distance of hills, m.")
+    cell_m: Size = key(0.03, "Distance of the points of the height field, m.")
+    length_m: Size = key(3.0, "Length of the whole, m.")
 
     def lay(self, layout: Layout, friction: float) -> None:
         """Add the hills."""
@@ -270,15 +266,14 @@ class Hills(Part):
 class Heights(Part):
     """A height field of one's own."""
 
-    kind: Literal["heights"] = Field(default="heights", description="A height field of one's own.")
-    heights_m: tuple[tuple[Finite, ...], ...] | None = Field(
-        default=None, description="Rows of heights above the ground before, the first row on the right, m."
+    kind: Literal["heights"] = key("heights", "A height field of one's own.")
+    heights_m: tuple[tuple[Finite, ...], ...] | None = key(
+        None, "Rows of heights above the ground before, the first row on the right, m."
     )
-    file: str | None = Field(
-        default=None,
-        description="Or a file: a picture (.png), its upper edge on the left, or an array (.npy). Runs store it.",
+    file: str | None = key(
+        None, "Or a file: a picture (.png), its upper edge on the left, or an array (.npy). Runs store it."
     )
-    white_m: Positive | None = Field(default=None, description="Height of white in a picture, m; black is 0.")
+    white_m: Positive | None = key(None, "Height of white in a picture, m; black is 0.")
     cell_m: Size = Field(description="Distance of the heights along x and y, m.")
 
     def lay(self, layout: Layout, friction: float) -> None:

@@ -80,10 +80,7 @@ class Layout:
 
     def surfaces(self) -> tuple[Plane | Box | HeightField, ...]:
         """Return a plane at the lowest level, and what stands on it."""
-        for begin, end, level in (
-            (self._first[0] - _AROUND_M, *self._first),
-            (self.x, self.x + _AROUND_M, self.level),
-        ):
+        for begin, end, level in ((self._first[0] - _AROUND_M, *self._first), (self.x, self.x + _AROUND_M, self.level)):
             if level > self._lowest:
                 self.slab(begin, end, level)
         bottom = self._lowest - _THICKNESS_M

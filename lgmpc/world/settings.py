@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 from typing_extensions import Self
 
-from lgmpc.settings import Finite, Problem, Words, problem, problems
+from lgmpc.settings import Finite, Problem, Words, key, problem, problems
 from lgmpc.world.kinds import (
     MOST_BOXES,
     OF_WORLD,
@@ -40,19 +40,17 @@ from lgmpc.world.world import World
 class FloorSettings(Ground):
     """A level floor."""
 
-    kind: Literal["floor"] = Field(default="floor", description="A level floor.")
+    kind: Literal["floor"] = key("floor", "A level floor.")
 
 
 class SlopeSettings(Ground):
     """An inclined plane."""
 
-    kind: Literal["slope"] = Field(default="slope", description="An inclined plane.")
-    angle_deg: Annotated[Finite, Field(ge=0.0, le=45.0)] = Field(
-        default=10.0, description="Inclination, degrees, at most 45."
-    )
-    uphill_deg: Finite = Field(
-        default=0.0,
-        description="Direction in which it rises, from the world's x axis, degrees: 0 ahead of a robot that starts at"
+    kind: Literal["slope"] = key("slope", "An inclined plane.")
+    angle_deg: Annotated[Finite, Field(ge=0.0, le=45.0)] = key(10.0, "Inclination, degrees, at most 45.")
+    uphill_deg: Finite = key(
+        0.0,
+        "Direction in which it rises, from the world's x axis, degrees: 0 ahead of a robot that starts at"
         " yaw 0, 90 to its left, 180 behind it.",
     )
 
@@ -67,7 +65,7 @@ AnyPart = Annotated[
 class Course(Laid):
     """Parts one behind the other."""
 
-    kind: Literal["course"] = Field(default="course", description="Parts one behind the other.")
+    kind: Literal["course"] = key("course", "Parts one behind the other.")
     parts: tuple[AnyPart, ...] = Field(
         min_length=1, max_length=50, description="The parts, each from the end of the one before along the x axis."
     )

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.settings import NonNegative, Positive, Settings
+from lgmpc.settings import NonNegative, Positive, Settings, key
 from lgmpc.typing import Array, BoolArray, IntArray
 
 _STEEPEST = 0.1
@@ -20,11 +20,11 @@ _STEEPEST = 0.1
 class Softness(Settings):
     """Ground that gives way under a contact point as a spring with a damper beside it."""
 
-    stiffness_n_m: Annotated[Positive, Field(ge=100.0, le=1e6)] = Field(
-        default=2000.0, description="Force of one contact point, N, by its depth, m."
+    stiffness_n_m: Annotated[Positive, Field(ge=100.0, le=1e6)] = key(
+        2000.0, "Force of one contact point, N, by its depth, m."
     )
-    damping_ns_m: Annotated[NonNegative, Field(le=1e4)] = Field(
-        default=30.0, description="Force of one contact point, N, by the speed at which it sinks in or comes out, m/s."
+    damping_ns_m: Annotated[NonNegative, Field(le=1e4)] = key(
+        30.0, "Force of one contact point, N, by the speed at which it sinks in or comes out, m/s."
     )
 
 

@@ -19,14 +19,7 @@ from lgmpc.actions import (
 )
 from lgmpc.actions.dynamics import Dynamics
 from lgmpc.costs import ConstraintItem, CostItem, ParameterLayout, QuadraticBarrier
-from lgmpc.costs.library import (
-    ContactForce,
-    Control,
-    FrameTranslation,
-    FrictionCone,
-    JointAcceleration,
-    StateError,
-)
+from lgmpc.costs.library import ContactForce, Control, FrameTranslation, FrictionCone, JointAcceleration, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import check_derivatives
 from lgmpc.robot import Robot, RobotSpec, load_robot

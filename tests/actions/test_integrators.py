@@ -6,14 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import (
-    FreeForwardDynamics,
-    Integrator,
-    MultibodyAction,
-    RungeKutta4,
-    SemiImplicitEuler,
-    Variational,
-)
+from lgmpc.actions import FreeForwardDynamics, Integrator, MultibodyAction, RungeKutta4, SemiImplicitEuler, Variational
 from lgmpc.ocp import check_derivatives
 
 
@@ -109,9 +102,7 @@ def test_variational_step_keeps_spatial_momentum_to_rounding_and_energy_without_
 
 
 @pytest.mark.parametrize(
-    "integrator",
-    [SemiImplicitEuler(), Variational(), RungeKutta4()],
-    ids=lambda value: type(value).__name__,
+    "integrator", [SemiImplicitEuler(), Variational(), RungeKutta4()], ids=lambda value: type(value).__name__
 )
 def test_derivatives(integrator: Integrator) -> None:
     a = action(integrator, body())

@@ -23,14 +23,7 @@ from lgmpc.actions import (
 )
 from lgmpc.compile import BatchKernel, Pipeline, find_compiler, reporting
 from lgmpc.costs import ConstraintItem, CostItem, Huber, QuadraticBarrier
-from lgmpc.costs.library import (
-    ContactForce,
-    Control,
-    FrameTranslation,
-    FrictionCone,
-    JointAcceleration,
-    StateError,
-)
+from lgmpc.costs.library import ContactForce, Control, FrameTranslation, FrictionCone, JointAcceleration, StateError
 from lgmpc.robot import RobotSpec, load_robot
 
 FEET = ("FL_FOOT", "HR_FOOT")

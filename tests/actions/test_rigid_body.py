@@ -8,14 +8,7 @@ import pytest
 from rigid_body import RigidBody, RigidBodyAction
 from scipy.integrate import solve_ivp
 
-from lgmpc.actions import (
-    Integrator,
-    MultibodyAction,
-    RungeKutta4,
-    SemiImplicitEuler,
-    Variational,
-    thrusters,
-)
+from lgmpc.actions import Integrator, MultibodyAction, RungeKutta4, SemiImplicitEuler, Variational, thrusters
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, FramePlacement, StateError
 from lgmpc.lie import so3

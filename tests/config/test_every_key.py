@@ -187,12 +187,7 @@ SOLO = {
     "fall": Scene(
         "solo12_fall",
         [PUSH.format(0.01, 0, 6, 0), "after_fall_s=0.1", "duration_s=0.6"],
-        (
-            "after_fall_s",
-            "wbc.fallback_damping_nms",
-            "modes.fall.tilt_deg",
-            "modes.fall.height_share",
-        ),
+        ("after_fall_s", "wbc.fallback_damping_nms", "modes.fall.tilt_deg", "modes.fall.height_share"),
     ),
     "lie": Scene(
         "solo12_rise",
@@ -214,9 +209,7 @@ SOLO = {
     ),
     "thrown": Scene("solo12_fall", [PUSH.format(0.01, 8, 0, 12), "duration_s=0.4"], ("modes.fall.unsupported_s",)),
     "unsolved": Scene(
-        "solo12_stand",
-        ["wbc.solver=proxqp", "wbc.max_iterations=1", "duration_s=0.05"],
-        ("wbc.max_iterations",),
+        "solo12_stand", ["wbc.solver=proxqp", "wbc.max_iterations=1", "duration_s=0.05"], ("wbc.max_iterations",)
     ),
     "base held": Scene(
         "solo12_stand", ["wbc.weights.base_position=10", "duration_s=0.1"], ("wbc.gains.base_position.*",)

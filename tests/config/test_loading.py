@@ -55,14 +55,8 @@ BAD_VALUES = [
         "plant.base_com_offset_m=[0, 1]",
         "plant.base_com_offset_m: got the list [0, 1]; expected a list of three numbers",
     ),
-    (
-        "mpc.model=fullbody",
-        "mpc.model: got the text 'fullbody'; expected one of centroidal, full_body",
-    ),
-    (
-        "mpc.model=",
-        "mpc.model: got nothing (null); expected one of centroidal, full_body",
-    ),
+    ("mpc.model=fullbody", "mpc.model: got the text 'fullbody'; expected one of centroidal, full_body"),
+    ("mpc.model=", "mpc.model: got nothing (null); expected one of centroidal, full_body"),
     (
         "mpc={model: full_body, weights: {effort: 0}}",
         "mpc.weights.effort: got 0; expected a number greater than 0 (Joint torques",

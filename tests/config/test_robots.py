@@ -47,10 +47,7 @@ def test_model_errors_name_the_keys() -> None:
 
 
 def test_all_unmet_requirements_are_reported_at_once() -> None:
-    config = load_config(
-        SOLO12,
-        ["robot.contact_frames=[]", "pushes=[{body: head, time_s: 0, impulse_ns: [0, 0, 1]}]"],
-    )
+    config = load_config(SOLO12, ["robot.contact_frames=[]", "pushes=[{body: head, time_s: 0, impulse_ns: [0, 0, 1]}]"])
     with pytest.raises(ConfigErrors) as caught:
         build_robot(config)
     assert [problem.key for problem in caught.value.problems] == ["robot.contact_frames", "pushes.0.body"]

@@ -22,11 +22,7 @@ CONFIGS = Path(__file__).resolve().parents[2] / "configs"
         ("solo12_righting", "problem.strokes.ramp_s=9.0", "--set: problem.strokes.ramp_s: got 9.0; expected above 0"),
         ("solo12_righting", "problem.strokes.sweep_rad={x: 1}", "--set: problem.strokes.sweep_rad: got x; expected"),
         ("solo12_trot", "problem.ramp_s=9.0", "--set: problem.ramp_s: got 9.0; expected at most"),
-        (
-            "solo12_trot",
-            "robot.contact_frames=[FL_FOOT]",
-            "robot.contact_frames: got FL_FOOT; expected four",
-        ),
+        ("solo12_trot", "robot.contact_frames=[FL_FOOT]", "robot.contact_frames: got FL_FOOT; expected four"),
         ("panda_reach", "problem.frame=hand", "--set: problem.frame: got hand; expected a frame of panda"),
         ("panda_reach", "robot.floating_base=true", "robot: got panda, whose base is free"),
     ],

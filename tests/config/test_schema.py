@@ -6,11 +6,7 @@ from typing import Any, get_args
 
 import pytest
 
-from lgmpc.config.schema import (
-    Config,
-    SolveConfig,
-    json_schema_text,
-)
+from lgmpc.config.schema import Config, SolveConfig, json_schema_text
 from lgmpc.mpc import CentroidalMpcSettings, FullBodyMpcSettings
 from lgmpc.robot import RobotSpec
 from lgmpc.simulation.parameters import PlantSettings

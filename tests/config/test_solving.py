@@ -9,14 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lgmpc.config import (
-    SolveConfig,
-    load_config,
-    load_solve_config,
-    parse_any_config,
-    parse_config,
-    parse_solve_config,
-)
+from lgmpc.config import SolveConfig, load_config, load_solve_config, parse_any_config, parse_config, parse_solve_config
 from lgmpc.config.execution import FinishedSolve, solve_config
 from lgmpc.config.session import Iteration
 from lgmpc.config.solving import check_scenario, prepare_solve

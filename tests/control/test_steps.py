@@ -73,8 +73,7 @@ def test_the_schedule_followed_is_the_best_of_those_evaluated() -> None:
 
 
 @pytest.mark.parametrize(
-    ("impulse", "first"),
-    [((3.0, 5.196), "FL_FOOT"), pytest.param((-5.196, 3.0), "HL_FOOT", marks=pytest.mark.slow)],
+    ("impulse", "first"), [((3.0, 5.196), "FL_FOOT"), pytest.param((-5.196, 3.0), "HL_FOOT", marks=pytest.mark.slow)]
 )
 def test_an_oblique_push_is_met_first_by_the_foot_that_it_points_to(impulse: tuple[float, float], first: str) -> None:
     """The other diagonal would brake along its line, and leave that foot loaded until the base has passed it."""

@@ -141,10 +141,7 @@ def test_bad_input_is_named() -> None:
         CostItem("hand", Height(), weight=[1.0, 2.0])
     with pytest.raises(InputError, match=r"c_threshold: got shape \(3,\)"):
         CostItem("c", Speeds(), activation=Huber([1.0, 2.0, 3.0])).parameters()
-    for activation, name in (
-        (Huber([-0.1, 1.0]), "threshold"),
-        (QuadraticBarrier(1.0, [2.0, -1.0]), "lower"),
-    ):
+    for activation, name in ((Huber([-0.1, 1.0]), "threshold"), (QuadraticBarrier(1.0, [2.0, -1.0]), "lower")):
         with pytest.raises(InputError, match=f"c_{name}: got"):
             CostItem("c", Speeds(), activation=activation)
     with pytest.raises(InputError, match="parameters: got two called 'a_weight'"):

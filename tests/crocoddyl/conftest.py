@@ -9,12 +9,7 @@ from paired_problems import ANYMAL_GAITS, FEET, GAINS, Stance, Trot, anymal_gait
 from paired_robots import Pair, arm, horizon, paired, quadrotor, talos
 from samples import Unicycle
 
-from lgmpc.actions import (
-    Contact,
-    ContactForwardDynamics,
-    ImpulseAction,
-    MultibodyAction,
-)
+from lgmpc.actions import Contact, ContactForwardDynamics, ImpulseAction, MultibodyAction
 from lgmpc.costs import CostItem
 from lgmpc.costs.library import Control, StateError
 from lgmpc.ocp import ShootingProblem, Trajectory
@@ -105,10 +100,7 @@ def planar_stance(nodes: int = 15, dt: float = 0.02) -> Pair:
     goal = x0 + np.concatenate([[0.05, -0.04, -0.1], np.zeros(4 + nv)])
     w_state = np.concatenate([np.full(3, 50.0), np.full(4, 0.1), np.full(nv, 0.1)])
     dynamics = ContactForwardDynamics(model, [Contact(foot, 2) for foot in feet])
-    costs = [
-        CostItem("posture", StateError(dynamics.state, goal), w_state),
-        CostItem("effort", Control(nv), 1e-3),
-    ]
+    costs = [CostItem("posture", StateError(dynamics.state, goal), w_state), CostItem("effort", Control(nv), 1e-3)]
     ours = ShootingProblem(MultibodyAction("planar_stance", dynamics, costs), nodes)
     ours.set("duration", dt)
     ours.set("contact_gains", np.column_stack([np.zeros(2), dampings]).ravel())

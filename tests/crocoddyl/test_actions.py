@@ -9,13 +9,7 @@ import pytest
 from samples import solo
 
 from lgmpc.actions import Contact, ContactForwardDynamics, ImpulseAction, MultibodyAction
-from lgmpc.costs import (
-    Activation,
-    CostItem,
-    Quadratic,
-    QuadraticBarrier,
-    Residual,
-)
+from lgmpc.costs import Activation, CostItem, Quadratic, QuadraticBarrier, Residual
 from lgmpc.costs.library import (
     CentroidalMomentum,
     CoMPosition,

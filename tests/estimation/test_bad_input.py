@@ -37,10 +37,7 @@ def calls(robot: Robot) -> Iterator[tuple[Callable[..., Any], dict[str, Any]]]:
     yield LeggedEstimator, {"robot": robot, "period": 1e-3}
     yield LegSensing, {"robot": robot, "period": 1e-3, "encoder_noise": 1e-3, "foot_noise": 1e-3}
     yield ContactDetector, {"feet": 4, "touch_force": 3.0, "release_force": 1.0}
-    yield (
-        InvariantEkf,
-        {"contacts": 1, "slip": 0.01, "contact_offset": ZERO, "outlier_probability": 0.1},
-    )
+    yield (InvariantEkf, {"contacts": 1, "slip": 0.01, "contact_offset": ZERO, "outlier_probability": 0.1})
     yield exponential_increment, {"gyro": ZERO, "accelerometer": ZERO, "duration": 0.1}
     yield gravity_increment, {"gravity": ZERO, "duration": 0.1, "columns": 2}
     yield error_dynamics, {"gravity": ZERO, "columns": 2}

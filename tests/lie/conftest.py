@@ -18,17 +18,7 @@ from lgmpc.lie.coefficients import SEAM
 from lgmpc.lie.symbolic import se3 as se3_symbolic, sek3 as sek3_symbolic, so3 as so3_symbolic
 
 ATAN_SEAM_ANGLE = 2.0 * math.atan(0.2)
-ANGLES = (
-    0.0,
-    1e-12,
-    1e-8,
-    1e-4,
-    ATAN_SEAM_ANGLE - 1e-9,
-    ATAN_SEAM_ANGLE + 1e-9,
-    1.0,
-    math.pi - 1e-6,
-    math.pi,
-)
+ANGLES = (0.0, 1e-12, 1e-8, 1e-4, ATAN_SEAM_ANGLE - 1e-9, ATAN_SEAM_ANGLE + 1e-9, 1.0, math.pi - 1e-6, math.pi)
 BEYOND_PI = (math.sqrt(SEAM) - 1e-9, math.sqrt(SEAM) + 1e-9, 5.0)
 LENGTHS = (0.0, 1.0, 3.0)
 

@@ -249,10 +249,7 @@ def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         viewing = Viewing(port=taken.getsockname()[1])
-        with (
-            pytest.raises(InputError, match=r"--port: got 127\.0\.0\.1:\d+ .*0 takes any"),
-            viewing.open(print),
-        ):
+        with pytest.raises(InputError, match=r"--port: got 127\.0\.0\.1:\d+ .*0 takes any"), viewing.open(print):
             pass
 
 

@@ -174,10 +174,7 @@ def test_the_schedule_waits_longer_for_a_foot_below_the_ground_it_expected() -> 
         script.below = [below, False, False, False]
         script.run(TROT.swing_s + 0.12, lambda t, contacts: contacts.__setitem__(0, False))
         waits.append(script.begin(MISSING) - script.begin(LATE))
-    assert waits == [
-        pytest.approx(SETTINGS.max_late_s, abs=1.1 * TICK),
-        pytest.approx(0.06, abs=1.1 * TICK),
-    ]
+    assert waits == [pytest.approx(SETTINGS.max_late_s, abs=1.1 * TICK), pytest.approx(0.06, abs=1.1 * TICK)]
 
 
 @pytest.mark.parametrize("below", [False, True])

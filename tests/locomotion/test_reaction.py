@@ -67,10 +67,7 @@ def test_schedules_are_every_pace_with_every_group_of_feet_first() -> None:
     assert [each.load(forces) for each in step_schedules(trot, (1.0,))] == [9.0, 6.0]
 
 
-@given(
-    costs=st.lists(st.floats(0.0, 100.0) | st.just(math.inf), min_size=1, max_size=8),
-    data=st.data(),
-)
+@given(costs=st.lists(st.floats(0.0, 100.0) | st.just(math.inf), min_size=1, max_size=8), data=st.data())
 def test_no_schedule_costs_less_than_the_chosen_one(costs: list[float], data: st.DataObject) -> None:
     ties = data.draw(st.lists(st.floats(0.0, 30.0), min_size=len(costs), max_size=len(costs)))
     chosen = least(costs, ties)

@@ -10,16 +10,7 @@ from scipy.integrate import solve_ivp
 from lgmpc.errors import InputError, SolverError
 from lgmpc.lie import checks, se3, sek3, so3
 from lgmpc.lie.symbolic import sek3 as symbolic_sek3
-from lgmpc.mechanics import (
-    SO3,
-    UP,
-    EulerPoincare,
-    LieGroup,
-    Symbols,
-    heavy_top,
-    munthe_kaas,
-    torque_free_body,
-)
+from lgmpc.mechanics import SO3, UP, EulerPoincare, LieGroup, Symbols, heavy_top, munthe_kaas, torque_free_body
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 INERTIA = np.array([[1.0, 0.1, -0.2], [0.1, 2.0, 0.15], [-0.2, 0.15, 2.5]])

@@ -8,16 +8,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.lie import so3
-from lgmpc.mechanics import (
-    SE3_DUAL,
-    SEMIDIRECT_DUAL,
-    SO3,
-    SO3_DUAL,
-    UP,
-    LiePoisson,
-    body_momentum,
-    heavy_top,
-)
+from lgmpc.mechanics import SE3_DUAL, SEMIDIRECT_DUAL, SO3, SO3_DUAL, UP, LiePoisson, body_momentum, heavy_top
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 SPACES = (SO3_DUAL, SE3_DUAL, SEMIDIRECT_DUAL)

@@ -13,10 +13,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
 from lgmpc.mechanics.integrators import discrete_euler_poincare
 from lgmpc.mechanics.rigid_body import SpatialInertia
-from lgmpc.mechanics.underwater import (
-    UnderwaterVehicle,
-    spheroid_added_mass,
-)
+from lgmpc.mechanics.underwater import UnderwaterVehicle, spheroid_added_mass
 
 BODY = SpatialInertia(11.5, np.array([0.02, -0.01, -0.05]), np.diag([0.16, 0.2, 0.25]))
 FULL = np.diag([5.5, 12.7, 14.6, 0.12, 0.13, 0.14]) + 0.05 * np.ones((6, 6))

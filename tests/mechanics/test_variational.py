@@ -10,16 +10,7 @@ from scipy.integrate import solve_ivp
 
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
-from lgmpc.mechanics import (
-    SO3,
-    UP,
-    EulerPoincare,
-    Motion,
-    SpatialInertia,
-    free_body,
-    heavy_top,
-    torque_free_body,
-)
+from lgmpc.mechanics import SO3, UP, EulerPoincare, Motion, SpatialInertia, free_body, heavy_top, torque_free_body
 from lgmpc.mechanics.euler_poincare import munthe_kaas
 from lgmpc.mechanics.integrators import (
     discrete_euler_poincare,
@@ -76,8 +67,7 @@ POTENTIAL = Case(
 INERTIA = SpatialInertia(1.5, np.array([0.1, 0.05, -0.02]), np.diag([0.1, 0.2, 0.25]))
 PLACED, THROWN = se3.exp([0.3, -0.2, 0.1, 0.5, 0.1, -0.3]), np.array([0.5, -1.0, 0.3, 1.0, 2.0, -1.5])
 HELD_BY_SPRINGS = free_body(
-    INERTIA,
-    potential=lambda s: 2.0 * ca.sumsqr(s.pose[:3, 3]) + 0.5 * s.pose[0, 3] ** 4 + 9.81 * s.pose[2, 1],
+    INERTIA, potential=lambda s: 2.0 * ca.sumsqr(s.pose[:3, 3]) + 0.5 * s.pose[0, 3] ** 4 + 9.81 * s.pose[2, 1]
 )
 SPRINGS = Case(HELD_BY_SPRINGS, PLACED, THROWN, np.zeros(4))
 FLOATING = Case(free_body(INERTIA), PLACED, THROWN, np.zeros(4))

@@ -12,13 +12,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import (
-    FullBodyMpc,
-    FullBodyMpcSettings,
-    MeasuredState,
-    MpcStatus,
-    Plan,
-)
+from lgmpc.mpc import FullBodyMpc, FullBodyMpcSettings, MeasuredState, MpcStatus, Plan
 from lgmpc.mpc.full_body import FootPaths, contact_point_model, holding_efforts
 from lgmpc.robot import Robot, RobotSpec, load_robot
 

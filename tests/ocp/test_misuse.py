@@ -189,10 +189,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "rt.shift": (lambda **k: real_time().shift(**k), dict(fraction=0.5)),
     "Solution.control": (lambda **k: solution().control(**k), dict(node=0, x=np.zeros(12))),
     "History.column": (lambda **k: History().column(**k), dict(name="cost")),
-    "History": (
-        lambda a: Fddp(reach()).solve(callback=History(a), max_iterations=1),
-        dict(a=History()),
-    ),
+    "History": (lambda a: Fddp(reach()).solve(callback=History(a), max_iterations=1), dict(a=History())),
     "make_qp_solver": (make_qp_solver, dict(solver="piqp", qp=subproblem())),
     "FddpSettings": (FddpSettings, dict(tolerance=1e-6, max_iterations=3, stationarity=1e-5)),
 }

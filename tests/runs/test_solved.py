@@ -12,16 +12,7 @@ import numpy as np
 import pytest
 
 from lgmpc.errors import RunFolderError
-from lgmpc.runs import (
-    Outcome,
-    RunFolder,
-    RunResult,
-    SolveResult,
-    TrajectoryLog,
-    Verdict,
-    judge_figures,
-    load_run,
-)
+from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult, TrajectoryLog, Verdict, judge_figures, load_run
 from lgmpc.runs.figures import figure_number, figure_words, unknown_bounds
 
 

@@ -9,15 +9,7 @@ from lgmpc.config import load_config
 from lgmpc.config.build import prepare
 from lgmpc.control.interface import Command
 from lgmpc.errors import InputError
-from lgmpc.simulation.drives import (
-    ActuatorSettings,
-    Computing,
-    DelayLine,
-    Drives,
-    LinkSettings,
-    Spent,
-    TimingSettings,
-)
+from lgmpc.simulation.drives import ActuatorSettings, Computing, DelayLine, Drives, LinkSettings, Spent, TimingSettings
 
 RNG = np.random.default_rng
 

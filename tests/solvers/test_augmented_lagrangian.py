@@ -11,16 +11,7 @@ import pytest
 from samples import Constrained
 
 from lgmpc.actions import Action, FreeForwardDynamics, HoldAction, MultibodyAction, PenalizedAction, thrusters
-from lgmpc.costs import (
-    Activation,
-    Bounded,
-    ConstraintItem,
-    Cost,
-    CostItem,
-    CostTerm,
-    LeastSquares,
-    ParameterLayout,
-)
+from lgmpc.costs import Activation, Bounded, ConstraintItem, Cost, CostItem, CostTerm, LeastSquares, ParameterLayout
 from lgmpc.costs.library import Control, FrameTranslation, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory

@@ -17,16 +17,7 @@ from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.reach import ReachSettings, build_reach
 from lgmpc.robot import RobotSpec, load_robot
-from lgmpc.solvers import (
-    BoxFddp,
-    Fddp,
-    FddpSettings,
-    LineSearchSqp,
-    NlpSolver,
-    Progress,
-    Solution,
-    Status,
-)
+from lgmpc.solvers import BoxFddp, Fddp, FddpSettings, LineSearchSqp, NlpSolver, Progress, Solution, Status
 
 Make = Callable[..., ShootingProblem]
 
@@ -513,13 +504,7 @@ def test_solutions_are_frozen_and_their_own(unicycle: ShootingProblem) -> None:
         solution.us[0] = 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("tolerance", 0.0),
-        ("stationarity", float("nan")),
-    ],
-)
+@pytest.mark.parametrize(("name", "value"), [("tolerance", 0.0), ("stationarity", float("nan"))])
 def test_invalid_settings_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):
         FddpSettings(**{name: value})

@@ -215,14 +215,7 @@ def test_solves_are_repeatable_to_the_bit(cart: ShootingProblem) -> None:
     assert first.kkt == second.kkt
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("tolerance", 0.0),
-        ("tolerance", 1e-300),
-        ("max_iterations", -1),
-    ],
-)
+@pytest.mark.parametrize(("name", "value"), [("tolerance", 0.0), ("tolerance", 1e-300), ("max_iterations", -1)])
 def test_invalid_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(InputError, match=name):
         LineSearchSqpSettings(**{name: value})
@@ -274,10 +267,7 @@ def hard_arm(seed: int) -> ShootingProblem:
     loads = [np.abs(pin.computeGeneralizedGravity(model, data, q)) for q in (start, end)]
     most, x0 = 1.6 * np.maximum(*loads) + 2.0, np.concatenate([start, np.zeros(7)])
     dynamics = FreeForwardDynamics(model)
-    costs = [
-        CostItem("x", StateError(dynamics.state, x0), np.repeat([1e-3, 1e-2], 7)),
-        CostItem("u", Control(7), 1e-3),
-    ]
+    costs = [CostItem("x", StateError(dynamics.state, x0), np.repeat([1e-3, 1e-2], 7)), CostItem("u", Control(7), 1e-3)]
     limits = [
         ConstraintItem("effort", Control(7), -most, most),
         ConstraintItem("speed", Speed(), -3.0, 3.0),

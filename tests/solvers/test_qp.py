@@ -9,26 +9,13 @@ import pytest
 from lgmpc.errors import InputError, MissingDependencyError
 from lgmpc.ocp import OcpQp, ShootingProblem, SubproblemFunctions
 from lgmpc.proxqp import proxqp
-from lgmpc.solvers.qp import (
-    QP_SOLVERS,
-    ActiveSetSolver,
-    PiqpSolver,
-    make_qp_solver,
-)
+from lgmpc.solvers.qp import QP_SOLVERS, ActiveSetSolver, PiqpSolver, make_qp_solver
 from lgmpc.status import Status
 
 # Largest residual of the optimality conditions that a solver's standard settings may leave on the problems below, and
 # largest error of the controls in the first of them (its control weights are 1e-3: a small gradient is a large error).
-ACCURACY = {
-    "active_set": 1e-5,
-    "piqp": 1e-5,
-    "osqp": 1e-3,
-}
-FORCE_ACCURACY = {
-    "active_set": 1e-5,
-    "piqp": 1e-5,
-    "osqp": 1.0,
-}
+ACCURACY = {"active_set": 1e-5, "piqp": 1e-5, "osqp": 1e-3}
+FORCE_ACCURACY = {"active_set": 1e-5, "piqp": 1e-5, "osqp": 1.0}
 
 
 def expand(problem: ShootingProblem) -> OcpQp:

@@ -13,15 +13,7 @@ from lgmpc.costs import Bounded, ConstraintItem, Cost, CostItem, CostTerm, Param
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.solvers import (
-    AugmentedLagrangianFddp,
-    BoxFddp,
-    History,
-    LineSearchSqp,
-    NlpSolver,
-    Progress,
-    Status,
-)
+from lgmpc.solvers import AugmentedLagrangianFddp, BoxFddp, History, LineSearchSqp, NlpSolver, Progress, Status
 from lgmpc.state import StateVector
 
 

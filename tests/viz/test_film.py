@@ -33,10 +33,7 @@ def page(solo12: Robot, pushed_run: Run) -> str:
 
 @pytest.mark.parametrize(
     ("suffix", "size"),
-    [
-        pytest.param(".mp4", SIZE, marks=browser),
-        pytest.param(".gif", (160, 90), marks=[*browser, pytest.mark.slow]),
-    ],
+    [pytest.param(".mp4", SIZE, marks=browser), pytest.param(".gif", (160, 90), marks=[*browser, pytest.mark.slow])],
 )
 def test_a_film_has_a_picture_for_each_time_and_the_robot_moves(
     suffix: str, size: tuple[int, int], page: str, tmp_path: Path

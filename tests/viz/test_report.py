@@ -83,14 +83,7 @@ def test_the_report_of_a_run_is_whole_and_self_contained(report_file: Path) -> N
     text = report_file.read_text(encoding="utf-8")
     outline = Outline(text)
     words = " ".join(outline.text)
-    for part in (
-        "solo12_pushed",
-        "Events",
-        "push of 1 N.s [0, 1, 0]",
-        "tilt / deg",
-        "name: solo12_pushed",
-        "numpy",
-    ):
+    for part in ("solo12_pushed", "Events", "push of 1 N.s [0, 1, 0]", "tilt / deg", "name: solo12_pushed", "numpy"):
         assert part in words
     assert text.count("<svg") == 7
     assert all(each.startswith("#") for each in outline.references)

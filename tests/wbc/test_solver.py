@@ -172,9 +172,7 @@ def test_no_tick_of_a_push_is_left_to_proxqp(solo12, measures):
 
 
 @pytest.mark.parametrize(
-    "robot",
-    ["solo12", *(pytest.param(name, marks=pytest.mark.slow) for name in ("anymal_c", "stilts"))],
-    indirect=True,
+    "robot", ["solo12", *(pytest.param(name, marks=pytest.mark.slow) for name in ("anymal_c", "stilts"))], indirect=True
 )
 def test_active_sets_solve_whatever_proxqp_does(robot):
     """From the active limits of another state, and from none; what they do not solve contradicts itself."""

@@ -181,16 +181,12 @@ class SymbolicModel:
 
     def _turning(self, q: Any, v: Any) -> list[passes.Rotation]:
         return self._remember(
-            "turning",
-            (q, v),
-            lambda: passes.rotations(self._tree, self._steps(q), self._column(v, self.nv, "v")),
+            "turning", (q, v), lambda: passes.rotations(self._tree, self._steps(q), self._column(v, self.nv, "v"))
         )
 
     def _moving(self, q: Any, v: Any) -> list[Any]:
         return self._remember(
-            "moving",
-            (q, v),
-            lambda: passes.linear_velocities(self._tree, self._steps(q), self._turning(q, v), v),
+            "moving", (q, v), lambda: passes.linear_velocities(self._tree, self._steps(q), self._turning(q, v), v)
         )
 
     def _accelerating(self, q: Any, v: Any, a: Any, gravity: bool = False) -> list[passes.Acceleration]:

@@ -1,7 +1,5 @@
 """The search for an installed Chromium, which pictures of replays require."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

@@ -4,8 +4,6 @@ All derive from :class:`LgmpcError`. The command line prints the message and ret
 attributes.
 """
 
-from __future__ import annotations
-
 import copyreg
 import difflib
 import importlib

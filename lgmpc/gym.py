@@ -12,8 +12,6 @@ Overrides of section ``plant`` make the simulated robot another one than the con
 seed and actions are bitwise the same, in any process; a reset builds the loop anew (0.1 s, without compilation).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

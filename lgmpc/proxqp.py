@@ -5,8 +5,6 @@ digits with the alignment of their memory, so that runs would not be repeatable.
 process: a program that imports proxsuite itself should do so after lgmpc, otherwise its runs are not repeatable.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 import types

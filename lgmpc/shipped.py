@@ -1,7 +1,5 @@
 """The configs shipped with lgmpc: inside the installed package, or ``configs/`` at the top of a clone."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

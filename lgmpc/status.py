@@ -1,7 +1,5 @@
 """Outcomes of solvers, one vocabulary for all of them; the value of each is the remedy."""
 
-from __future__ import annotations
-
 from enum import Enum
 
 

@@ -1,7 +1,5 @@
 """Array types of annotations, the acceleration of gravity, and checks of arguments, throughout the package."""
 
-from __future__ import annotations
-
 import reprlib
 
 import numpy as np

@@ -4,8 +4,6 @@ Solvers use the two stage functions that follow from the expressions (values; li
 coordinates), which :mod:`lgmpc.ocp` maps over a horizon and compiles.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass

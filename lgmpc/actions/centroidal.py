@@ -27,8 +27,6 @@ World axes keep the dynamics sparse in the forces: a third less work in each int
 forces in the axes of the surfaces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Equations of motion: accelerations, efforts and contact forces from state and control; loads."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ interval of no length (:class:`ChooseStretch`) and constant from there on (:clas
 keeps the structure of optimal control, for any solver. :class:`lgmpc.ocp.FreeDurations` makes such a problem.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any
 

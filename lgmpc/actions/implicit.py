@@ -5,8 +5,6 @@ The algorithm that computes them is not differentiated: where ``g(w, z) = 0`` de
 solve, instead of those of a factorisation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

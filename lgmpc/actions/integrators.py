@@ -1,7 +1,5 @@
 """Integration of accelerations to the next state, on the configuration's group; robots' variational integrator."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -13,8 +13,6 @@ Only the last line depends on costs. The dynamics' functions depend on the robot
 on the action's name, costs or constraints, so that all actions of a robot share what is compiled.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Actions of a robot: dynamics, integrator, costs and constraints; impacts, and intervals that hold a state."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, TypeVar

@@ -8,8 +8,6 @@ whose gradient is that of ``mu^T g`` at the solution's multipliers (Hestenes, J.
 inequalities Rockafellar, J. Optim. Theory Appl. 12, 1973). A solver without constraints minimises it.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

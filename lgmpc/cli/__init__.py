@@ -1,7 +1,5 @@
 """The command line. Each command imports what it requires, so that help is printed at once."""
 
-from __future__ import annotations
-
 import codecs
 import io
 import os

@@ -1,7 +1,5 @@
 """``lgmpc demo``: the list of demonstrations; computation, table, files and viewer of one."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Progress on stderr: bars on terminals, lines elsewhere; warnings."""
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping

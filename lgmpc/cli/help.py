@@ -1,7 +1,5 @@
 """Texts of the command line's help. A paragraph is one line: the terminal breaks it."""
 
-from __future__ import annotations
-
 _WHAT = "Lie-group trajectory optimisation and model-predictive control of floating-base robots."
 _HOW = (
     "A config (YAML) describes a robot, what counts as success, and either a plant, controllers and disturbances, "

@@ -1,7 +1,5 @@
 """``lgmpc check``, ``configs``, ``schema``, ``doctor`` and ``explain``: configs, the installation, and runs."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Iterable, Sequence

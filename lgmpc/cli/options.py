@@ -3,8 +3,6 @@
 Where no name begins with what was typed, the shell completes file names, so these functions return no paths.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any

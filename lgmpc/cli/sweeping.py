@@ -1,7 +1,5 @@
 """``lgmpc sweep`` and ``compare``: progress of many runs, and the tables of their results."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping

@@ -4,8 +4,6 @@ An entry is one file, ``<function>-<key>-<digest>.so``: the key is a hash of wha
 its bytes, so that a truncated or altered file is detected before it is loaded. Entries are created by an atomic rename.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib

@@ -1,7 +1,5 @@
 """The C compiler: its search, its flags, and the identity of its code."""
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 import os

@@ -4,8 +4,6 @@ Objects are written as their class's name and their attributes, and restored wit
 states with ``structural_state() -> dict[str, Any]`` which attributes count, else all do but cached properties.
 """
 
-from __future__ import annotations
-
 import copy
 import ctypes
 import enum

@@ -1,7 +1,5 @@
 """Folders with a C library, its build file, recorded calls, and a program that makes these again and compares."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path

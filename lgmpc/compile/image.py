@@ -4,8 +4,6 @@ A frame (:func:`~lgmpc.compile.frame_of`) leads to all that its functions read a
 is now; ``image.c`` makes copies of it, with addresses of their own, in a program without Python.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 from importlib.resources import files

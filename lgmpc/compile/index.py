@@ -14,8 +14,6 @@ Entries are data (:mod:`lgmpc.compile.content`): the only code that reading them
 cache, whose folders and files only this user may write to.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import functools

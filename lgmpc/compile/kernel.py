@@ -1,7 +1,5 @@
 """Stage functions on the caller's memory: a loop in C, whose stages may read the results of previous ones."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from typing import Any, TypeVar

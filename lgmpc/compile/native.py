@@ -1,7 +1,5 @@
 """Machine code: libraries of functions in the cache, and calls of them."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import functools

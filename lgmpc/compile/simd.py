@@ -10,8 +10,6 @@ One body of 100,000 vector statements takes GCC a minute (register allocation). 
 that pass values through memory, and these are spread over files, which compile in parallel.
 """
 
-from __future__ import annotations
-
 import re
 from importlib.resources import files
 from typing import NamedTuple

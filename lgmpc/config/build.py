@@ -1,7 +1,5 @@
 """Construction of a closed loop from its config: the only module that imports every package."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

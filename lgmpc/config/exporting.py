@@ -1,7 +1,5 @@
 """Export of a recorded run's controller as C libraries, with the ticks and the updates of the repeated run."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 

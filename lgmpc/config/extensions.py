@@ -3,8 +3,6 @@
 A config only names them; their modules are imported when the closed loop is built, not when the config is read.
 """
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

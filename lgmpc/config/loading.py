@@ -1,7 +1,5 @@
 """Reading of configs from YAML files with changes ``a.b.c=value`` of the command line, and writing them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Planned motions of section ``maneuvers``: solved when a closed loop is built, or read from run folders."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

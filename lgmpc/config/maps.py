@@ -1,7 +1,5 @@
 """The map of the ground that a controller is given: of the simulated world, or a class of one's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The robot of a config, checked against the rest of the config, and the limits of its joints and drives."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ PyYAML follows YAML 1.1, where ``1e-3`` is a string, ``12:30`` is 750 and ``no``
 of YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema).
 """
 
-from __future__ import annotations
-
 import re
 import stat
 from collections.abc import Sequence

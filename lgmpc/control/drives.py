@@ -1,7 +1,5 @@
 """Joint references for the drives' own loop, which holds the predicted motion between two ticks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lgmpc.control.interface import Command, zeros

@@ -1,7 +1,5 @@
 """What a robot does with a weak motor, or without one: the whole-body QP leaves it out, and the robot lies down."""
 
-from __future__ import annotations
-
 import logging
 import math
 from dataclasses import replace

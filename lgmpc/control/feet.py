@@ -1,7 +1,5 @@
 """Per-tick management of the feet: contacts, footholds, swings, and the contacts ahead of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Lying on the belly, rising from it and lying down."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

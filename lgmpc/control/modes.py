@@ -13,8 +13,6 @@ Their conditions are evaluated by :class:`FallMonitor` (tilt, height, contacts, 
 :class:`RestMonitor` (when a damped robot may move again).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

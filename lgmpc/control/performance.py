@@ -12,8 +12,6 @@ stop what the plan's model does not have. Two things follow the robot:
 In the air the whole-body QP holds the planned joint motion, stiffly: momenta cannot be changed there.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The predictive layer above the whole-body QP: the external wrench, the plan, and its samples at every tick."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Report of one control tick, for whoever records, explains or shows what a controller does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Names of the slices of a parameter vector: all that may change between two solves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property

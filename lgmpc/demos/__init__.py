@@ -1,7 +1,5 @@
 """The demonstrations; a module is imported only when it is loaded."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """A falling cat turns over at zero angular momentum (chapter 4.16)."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

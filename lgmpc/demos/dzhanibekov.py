@@ -4,8 +4,6 @@ Chapter 4.12.1: rotation about the axis of the middle moment of inertia is unsta
 are compared with the closed form in Jacobi's elliptic functions.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 Chapter 4.17. The simulation integrates the Euler-Poincare equations with the direction of gravity as advected quantity.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

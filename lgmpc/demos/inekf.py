@@ -3,8 +3,6 @@
 Chapter 4.11.4; Hartley et al., IJRR 2020. Both filters have the same measurements, noise and initial covariance.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

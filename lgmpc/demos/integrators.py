@@ -1,7 +1,5 @@
 """Drift of integrators over 1000 s of a free rigid body (chapter 4.18)."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Chapter 4.12.3; Lee, Leok and McClamroch, Geometric tracking control of a quadrotor UAV on SE(3), CDC 2010.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

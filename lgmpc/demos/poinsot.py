@@ -3,8 +3,6 @@
 Chapter 4.5.3 and 4.10.5. The motion is integrated; the construction predicts its properties.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A simulated trot with IMU samples and leg kinematics of given noise: test data for filters."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

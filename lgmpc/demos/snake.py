@@ -3,8 +3,6 @@
 Chapter 4.16.
 """
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

@@ -3,8 +3,6 @@
 Chapter 4.8.2: ``h' = A_G v' + dA_G/dt v`` is the sum of the external wrenches; it does not depend on joint torques.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

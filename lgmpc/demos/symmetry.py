@@ -4,8 +4,6 @@ Chapter 4.13.4. The prediction is the number of directions in which the Lagrangi
 number of conserved components of the spatial momentum over several motions of each system.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as ca

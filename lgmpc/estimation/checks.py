@@ -1,7 +1,5 @@
 """Validation of the estimators' input, beyond that of the groups, and checked copies into their memory."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

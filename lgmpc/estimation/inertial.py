@@ -10,8 +10,6 @@ with gravity's ``Gamma``, the free flow ``phi_t: p -> p + t v`` (an automorphism
 ``Upsilon``, which depends on the measurements alone.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Detection of motors that give less torque than they are commanded, from how the robot moves."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any
 

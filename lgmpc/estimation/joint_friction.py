@@ -1,7 +1,5 @@
 """Estimate of the joints' Coulomb friction, from the torques of legs in the air."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """The state of a legged robot from its own sensors: IMU, joint encoders, motor currents."""
 
-from __future__ import annotations
-
 import functools
 import logging
 import math

@@ -1,7 +1,5 @@
 """Positions, motion and forces of the feet, from joint encoders, motor currents and the IMU."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pinocchio as pin

@@ -1,7 +1,5 @@
 """Measurements compared with what joints and a trunk can do within a tick, and replaced where they cannot be true."""
 
-from __future__ import annotations
-
 import logging
 import math
 

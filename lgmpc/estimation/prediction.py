@@ -1,7 +1,5 @@
 """The state at which a command will act, from one that is already old and the commands that are still on their way."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Disturbance observer: the external wrench on the robot, from its centroidal momentum and the contact forces."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, insort
 from collections import deque

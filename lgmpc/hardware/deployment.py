@@ -4,8 +4,6 @@ The loop is clocked by the robot: each measurement that arrives is a tick. After
 is one that damps the joints.
 """
 
-from __future__ import annotations
-
 import enum
 import logging
 import math

@@ -4,8 +4,6 @@ That library opens the link to the master board, waits for the motors, calibrate
 damps them after an error or when the link is lost. Drives on the motor boards close the loop of a command's gains.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter, sleep

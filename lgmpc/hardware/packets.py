@@ -27,8 +27,6 @@ Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.
 all joints, and no optional quantities; version 2 no nonces and tags.
 """
 
-from __future__ import annotations
-
 import hmac
 import struct
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The rights of a real-time loop on this machine: scheduling, memory, cores, garbage collection."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import logging

@@ -1,7 +1,5 @@
 """Protection of a robot beside its controller: limits, a slow start, and the person who watches it."""
 
-from __future__ import annotations
-
 import math
 import os
 import select

@@ -1,7 +1,5 @@
 """The secret that both ends of a link share: a file that only its owner can read."""
 
-from __future__ import annotations
-
 import ipaddress
 import logging
 import os

@@ -1,7 +1,5 @@
 """A simulated robot at the end of a link, with its controller in another process, as for a real robot."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

@@ -1,7 +1,5 @@
 """Both ends of a link over UDP: the controller's driver, and the robot."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import math

@@ -5,8 +5,6 @@ at other places: structs are padded in C, not in CDR. So bytes are moved by an i
 times faster than a serialiser in Python. Families: ``go`` (Go2, B2) and ``hg`` (G1, H1-2).
 """
 
-from __future__ import annotations
-
 import zlib
 from functools import cached_property
 from typing import Any, NamedTuple

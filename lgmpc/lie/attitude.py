@@ -3,8 +3,6 @@
 Sines and cosines of an angle are computed together by its arctangent: an arccosine loses half of the digits near zero.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

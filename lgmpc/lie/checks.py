@@ -4,8 +4,6 @@ A function decorated with :func:`checked` validates and converts its arguments; 
 undecorated function, for hot loops on float64 arrays that are known to be valid.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import types

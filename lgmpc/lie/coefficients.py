@@ -19,8 +19,6 @@ series, whose terms at pi exceed the sum at most fourfold; ``d, delta`` by the e
 all of whose terms are positive. All are accurate to 1e-14, relative, from 1e-12 to pi.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from fractions import Fraction

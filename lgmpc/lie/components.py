@@ -4,8 +4,6 @@ numpy's overhead on 3-vectors is a hundred times the arithmetic, so a single ele
 becomes an array only at the end.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

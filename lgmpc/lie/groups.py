@@ -3,8 +3,6 @@
 Products, inverses and actions are numpy's; all other functions are evaluated expressions of :mod:`lgmpc.lie.symbolic`.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from typing import Any

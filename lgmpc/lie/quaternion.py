@@ -5,8 +5,6 @@ scalar part positive or, at exactly half a turn where it is 0, first non-zero en
 single or batched; every function validates its arguments (InputError), ``f.unchecked`` does not.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

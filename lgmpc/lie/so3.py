@@ -5,8 +5,6 @@ rotation); its attribute ``unchecked``, as in ``so3.exp.unchecked(phi)``, does n
 known to be valid. The series of the coefficients and their accuracy are in :mod:`lgmpc.lie.coefficients`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

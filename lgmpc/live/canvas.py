@@ -1,7 +1,5 @@
 """The replay's scene on a viser server: what the marks of :mod:`lgmpc.viz` add and animate is drawn at once."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Controls that are made from data: a slider for each setting that can change, and the worlds of a new run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """A robot at the end of a link that a page shows and drives, in place of the config's commands."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter

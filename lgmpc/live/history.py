@@ -1,7 +1,5 @@
 """The last pictures of a run, read from the ring as a log of the recorder's channels."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import deque
 

@@ -1,7 +1,5 @@
 """The page of a live run, with the run in a process of its own: in a notebook or from a script."""
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

@@ -5,8 +5,6 @@ connection, so that all goes through one port. While anything is deflected it se
 falls silent meanwhile, with its machine or its network, has let go.
 """
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Callable

@@ -5,8 +5,6 @@ writes: a reader that copies a slot meanwhile finds numbers that differ, and dis
 overwritten are lost to a reader that is too slow, never the other way round.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from multiprocessing.shared_memory import SharedMemory
 

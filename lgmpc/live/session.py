@@ -4,8 +4,6 @@ Pictures are written into a ring of shared memory at most sixty times a second, 
 every few milliseconds. The run waits for nothing: without a viewer, or after its end, it goes on as it is.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

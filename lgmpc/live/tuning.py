@@ -4,8 +4,6 @@ All others act when something is built (horizons, limits of the QP, filters, the
 zero is not offered either: such a task is no part of the compiled whole-body QP.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -3,8 +3,6 @@
 The page also sends changes of the motion command, as entries of a config's ``commands`` whose time does not matter.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, Literal
 

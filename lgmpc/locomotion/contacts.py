@@ -9,8 +9,6 @@ measurement is compared with the schedule of its own time. A foot whose touchdow
 measurement of that time arrives; waiting for it would delay every touchdown by its age.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from enum import Enum

@@ -1,7 +1,5 @@
 """Feasibility of the commands of a timeline: limits, and the reach of the legs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 

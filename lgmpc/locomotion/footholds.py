@@ -22,8 +22,6 @@ Legs without abduction move their feet in a plane. A sideways shift becomes one 
 between two feet where it should be: a trot, with two lines in turn, then controls both components of the velocity.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

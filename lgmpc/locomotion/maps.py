@@ -11,8 +11,6 @@ Anything with the three methods of :class:`ElevationMap` serves, such as the bri
 simulated robot gets into a :class:`GridMap` by :class:`KnownMap`, or by :class:`SeenMap` from what its sensor sees.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, Protocol, Union, runtime_checkable

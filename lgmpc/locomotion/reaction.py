@@ -1,7 +1,5 @@
 """Steps of a standing robot against a push: the criterion, and the choice of the schedule."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

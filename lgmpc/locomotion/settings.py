@@ -1,7 +1,5 @@
 """All settings of locomotion, and the gaits of a robot."""
 
-from __future__ import annotations
-
 import math
 
 from pydantic import model_validator

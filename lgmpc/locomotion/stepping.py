@@ -10,8 +10,6 @@ body best, a little ahead of it: the base leads into stairs.
 Map and state estimate differ in height by an offset that drifts; feet that stand measure it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

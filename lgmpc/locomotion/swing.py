@@ -9,8 +9,6 @@ provide the foot lags behind its path, and touches down late and elsewhere than 
 longer than the gait's swing: as long as the acceleration stays within its limit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Union

@@ -11,8 +11,6 @@ Footholds of a level floor differ by some millimetres in height, by what feet si
 plane within that is taken as level, exactly: its slope counts in full from twice the tilt on.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Validation of arguments: positive numbers, physically possible inertias; read-only copies."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

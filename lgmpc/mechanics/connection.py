@@ -6,8 +6,6 @@ the change of shape. Kelly and Murray, "Geometric phases and robotic locomotion"
 Montgomery and Ratiu, "Reduction, symmetry and phases in mechanics", Memoirs AMS 436 (1990).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

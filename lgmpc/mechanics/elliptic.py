@@ -4,8 +4,6 @@ The parameter is ``m = k^2``, given with its complement ``m1 = 1 - m``, which de
 separatrix (``scipy.special.ellipj`` has m alone, and is inaccurate there near a quarter period).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -13,8 +13,6 @@ of (chapter 4.13.2 exchanges the two):
 Marsden and Ratiu, "Introduction to mechanics and symmetry" (1999), 11.4 and 12.2; chapter 4.13.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

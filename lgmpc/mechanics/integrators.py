@@ -16,8 +16,6 @@ integrators on Lie groups", Found. Comput. Math. 9 (2009); Lee, Leok and McClamr
 for the full body problem", Comput. Methods Appl. Mech. Engrg. 196 (2007).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

@@ -13,8 +13,6 @@ Lagrange, "Mecanique analytique" (1788); Goldstein, "Classical mechanics" (1980)
 (1904), 71; chapter 4.17. Moments of inertia are about the fixed point.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass, replace

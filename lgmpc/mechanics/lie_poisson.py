@@ -14,8 +14,6 @@ Chapter 4.10 and 4.17; Lie, "Theorie der Transformationsgruppen" (1890); Marsden
 and symmetry" (1999), chapters 13 and 14; Marsden, Ratiu, Weinstein, Trans. AMS 281 (1984).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

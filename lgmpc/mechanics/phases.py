@@ -10,8 +10,6 @@ Chapter 4.16; Kane and Scher, "A dynamical explanation of the falling cat phenom
 phases and robotic locomotion", J. Robotic Systems 12 (1995) (three links).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

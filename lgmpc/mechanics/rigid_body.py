@@ -3,8 +3,6 @@
 SI units. Body axes are fixed in the body; the world's third axis points up.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -11,8 +11,6 @@ fixed point or in a bowl of revolution L_z alone. (Table 4.13.4 of the chapter c
 gravity, and one symmetry on a plane.) Marsden and Ratiu (1999), 11.4; Noether, "Invariante Variationsprobleme" (1918).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -10,8 +10,6 @@ nu is the body twist, linear first (Fossen's order), eta the pose, tau a wrench 
 body axes; SI units. The world's z points up (Fossen's, down).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

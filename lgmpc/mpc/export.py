@@ -4,8 +4,6 @@ It is the machine code of Python's own updates (:mod:`lgmpc.mpc.compiled`); its 
 its first update.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A full-body predictive controller with a centroidal one as its fallback while its own plans are rejected."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

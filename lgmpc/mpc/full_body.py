@@ -4,8 +4,6 @@ The limits are hard constraints of an SQP, which satisfies all of them, not barr
 longer while a push changes the active rows.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ A new model is a module with its settings, a ``model: Literal[...]`` among them,
 table here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Union
 

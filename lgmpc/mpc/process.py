@@ -8,8 +8,6 @@ Numbers go through memory that both processes share, and a message says that the
 has read what the other one wrote, so that neither waits nor finds half a value.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import logging

@@ -1,7 +1,5 @@
 """The reference of predictive models that have neither base nor joints."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Settings that predictive controllers share; a model's own are beside the model."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator

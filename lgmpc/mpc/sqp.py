@@ -1,7 +1,5 @@
 """Predictive control by sequential quadratic programming: warm start, real-time iterations, acceptance, failures."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

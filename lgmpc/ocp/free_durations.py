@@ -1,7 +1,5 @@
 """Problems whose phases have free durations, made of problems whose phases have given ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Functions of a problem over the whole horizon: quadratic subproblems, path constraints."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The stages of a problem, evaluated all together: their expansions as rows of values, on the caller's arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """Comparison of actions' and problems' derivatives with central differences on the manifold."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ Only entries that are not structurally zero are stored, all blocks of a stage in
 whole problem in one pass, and a solver selects its matrices' values with one index array.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Expansion and roll-out of a whole horizon on shared arrays, without copies, for shooting methods."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -6,8 +6,6 @@ linear in the next state with the identity as its Jacobian, the structure that R
 Plitt, "A multiple shooting algorithm for direct solution of optimal control problems", IFAC World Congress 1984.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import casadi as ca

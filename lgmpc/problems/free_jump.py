@@ -5,8 +5,6 @@ the apex of the parabola on which the centre of mass leaves the ground, so that 
 not make the problem infeasible: the robot jumps as high as they allow.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Figures of merit of legged motions, recomputed by Pinocchio from states and torques."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

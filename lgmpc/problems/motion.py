@@ -1,7 +1,5 @@
 """A motion by Pinocchio, independent of the optimised expressions: kinematics, forces, simulation of free flights."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

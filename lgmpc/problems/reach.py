@@ -1,7 +1,5 @@
 """An arm moves a frame to a target and comes to rest there, within its motors' efforts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal

@@ -1,7 +1,5 @@
 """Actuated joints of a model, and values assigned to them by name patterns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass

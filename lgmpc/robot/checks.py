@@ -1,7 +1,5 @@
 """Checks of a robot model: problems that name the joint, link or frame, the value found, and the remedy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

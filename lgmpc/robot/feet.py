@@ -7,8 +7,6 @@ turn with the foot, its derivative is ``a_c + alpha x (-r n) = 0``. The point p 
 The functions take numbers, arrays and CasADi expressions alike, unless they say otherwise.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

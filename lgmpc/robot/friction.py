@@ -7,8 +7,6 @@ The regular pyramid with n facets inscribed in the cone of coefficient mu,
 has its edges on the cone. A circumscribed one would allow diagonal forces outside the cone, at which feet slip.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The legs of a robot: their joints, and the distances between them."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Loading of robots: files, model, limits, posture and checks."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

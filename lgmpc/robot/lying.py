@@ -1,7 +1,5 @@
 """The posture of a legged robot on its belly: feet in their places, trunk on the floor, legs folded."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

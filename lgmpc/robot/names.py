@@ -1,7 +1,5 @@
 """Names of frames and degrees of freedom in a Pinocchio model, and their lists in messages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pinocchio as pin

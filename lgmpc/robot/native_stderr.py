@@ -1,7 +1,5 @@
 """Messages that native code prints to standard error."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """The reference posture: joint angles by name, and the base placed on the ground."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 

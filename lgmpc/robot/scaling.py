@@ -4,8 +4,6 @@ Settings are values for a robot of :data:`REFERENCE_MASS`. Unscaled, the squared
 400 times as large relative to costs of accelerations and positions.
 """
 
-from __future__ import annotations
-
 REFERENCE_MASS = 2.5
 """kg; mass of Solo12, for which weights of squared forces and momenta are stated."""
 

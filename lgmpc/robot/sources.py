@@ -1,7 +1,5 @@
 """A robot's files, and its ``pin.Model`` without meshes."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

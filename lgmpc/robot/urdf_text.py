@@ -1,7 +1,5 @@
 """Properties of a URDF's XML that Pinocchio's parser does not report: mimic tags, mesh paths, entities."""
 
-from __future__ import annotations
-
 import posixpath
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files: atomic writing, the reason of a failure, values in the form of JSON."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

@@ -1,7 +1,5 @@
 """The certificate of a run: physics and hardware limits, checked on the simulated motion, not on its estimate."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """The first bitwise difference between two logs, for checks that a run is repeatable."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The events of a run, from its log: pushes, commands, limits reached, contacts and solutions lost, late ticks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum

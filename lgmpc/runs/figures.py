@@ -1,7 +1,5 @@
 """Figures of merit: declarations with descriptions; words, units and bounds by name."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

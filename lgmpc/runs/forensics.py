@@ -1,7 +1,5 @@
 """Diagnosis of a run from its log: the events before a failure, and the smallest margins of a run that passed."""
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections import Counter

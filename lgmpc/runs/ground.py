@@ -1,7 +1,5 @@
 """Positions of feet and base relative to the ground: the one module of this package that knows where a foot touches."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

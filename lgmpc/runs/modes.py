@@ -1,7 +1,5 @@
 """Figures of merit of the modes: falls, damping after them, lying and rising, manoeuvres, from the log of a run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Logs as tables, with a column for each entry of each channel: for pandas, CSV and Parquet."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import dataclass, field, fields

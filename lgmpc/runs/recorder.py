@@ -1,7 +1,5 @@
 """The recorder of a closed loop, without allocation at every tick."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """``run.json``: the result and the machine of a run, in two kinds: closed loops and solved problems."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

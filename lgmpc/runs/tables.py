@@ -1,7 +1,5 @@
 """Tables of text, which the terminal and pages display: figures with limits, margins, events, checks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple

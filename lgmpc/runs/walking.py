@@ -6,8 +6,6 @@ instantaneous velocity beside them. Both are evaluated on plateaus only: where t
 and the push have been constant for half a second.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

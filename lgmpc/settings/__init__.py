@@ -4,8 +4,6 @@ Each package defines its settings as subclasses of :class:`Settings`: units in t
 descriptions in the fields. Python code constructs them directly; a config document composes the same classes.
 """
 
-from __future__ import annotations
-
 import functools
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence

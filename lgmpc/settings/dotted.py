@@ -1,7 +1,5 @@
 """Dotted keys, such as ``pushes.0.impulse_ns``, of plain tables and lists: assignment, differences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 

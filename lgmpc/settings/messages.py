@@ -1,7 +1,5 @@
 """Messages for pydantic's errors: the key, the value received, the values expected, and the valid choices."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

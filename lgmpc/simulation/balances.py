@@ -1,7 +1,5 @@
 """Momentum, energy and weight of the simulated robot, by its own masses, for checks of a run against Newton's laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Pushes: impulses on named bodies, distributed over the steps of a plant."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """A simulated depth sensor above the base that looks around, and sees what nothing is in front of."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -14,8 +14,6 @@ Where no point satisfies the constraints the minima approach a stationary point 
 cost's gradient over the penalty, which grows, while c stays. This is the status INFEASIBLE.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Annotated, Literal

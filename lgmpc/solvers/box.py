@@ -6,8 +6,6 @@ DDP", Autonomous Robots 46, 2022, with another sweep.
 Active sets and their sweeps are one call of C (``box.c``); numpy where nothing can be compiled.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from importlib.resources import files

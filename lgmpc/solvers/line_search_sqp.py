@@ -20,8 +20,6 @@ less than at the last attempt, and when it has ended. If it finds a stationary p
 infeasible.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable

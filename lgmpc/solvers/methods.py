@@ -4,8 +4,6 @@ A new solver is a module with its settings, which include ``method: Literal[...]
 table.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Union
 

@@ -9,8 +9,6 @@ The Hessian is the Gauss-Newton one: near a solution the iterates approach it li
 dynamics' curvature times the costates; the limit satisfies the exact optimality conditions.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

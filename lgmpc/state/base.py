@@ -1,7 +1,5 @@
 """State spaces, manifolds of points ``x`` (nx,) with tangent vectors ``dx`` (ndx,): contract, vectors, products."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable

@@ -8,8 +8,6 @@ continuous joints near half a turn; its ``dIntegrate`` and ``dDifference`` of th
 of ``ad`` by 3e-5 at an angle of 2e-4 rad.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum

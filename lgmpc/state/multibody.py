@@ -1,7 +1,5 @@
 """The state of a robot: configuration and velocity."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

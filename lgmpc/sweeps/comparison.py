@@ -1,7 +1,5 @@
 """Two runs, or two sweeps, side by side, and whether the second one is worse beyond a margin."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace

@@ -5,8 +5,6 @@ the names of :mod:`lgmpc.runs.recorded`; the task is the name of the run's confi
 the folder; there are no pictures.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import tempfile

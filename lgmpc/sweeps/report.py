@@ -1,7 +1,5 @@
 """The figure of a sweep, and its report: tables, figure and points in one self-contained page."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The summary of a sweep (shares that pass, boundaries, effects of factors, paired differences) and its tables."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """One point of a sweep, computed in a worker process through what ``lgmpc run`` uses."""
 
-from __future__ import annotations
-
 import logging
 import resource
 import signal

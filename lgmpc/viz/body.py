@@ -1,7 +1,5 @@
 """The drawn robot: its visual meshes, or a stick figure if it has none, attached to its joints."""
 
-from __future__ import annotations
-
 import logging
 import tempfile
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 A page works from ``file://`` without a network. :mod:`lgmpc.viz.scene` defines the encoding of its arrays.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import importlib.util

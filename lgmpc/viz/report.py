@@ -3,8 +3,6 @@
 A page consists of sections, sections of blocks. Each function here returns the HTML of one, with its text escaped.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict

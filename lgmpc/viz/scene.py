@@ -5,8 +5,6 @@ as ``{"$array": [type, offset, count]}``; the page substitutes typed arrays on t
 of the size of one with numbers as text, and geometry that several links share is stored once.
 """
 
-from __future__ import annotations
-
 import gzip
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Floor, lights, background and camera."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

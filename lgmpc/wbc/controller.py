@@ -1,7 +1,5 @@
 """The whole-body controller: state and targets in, joint torques out, every millisecond."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@
 header with sizes, order and units, recorded ticks, and a program that solves them again and compares.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from importlib.resources import files

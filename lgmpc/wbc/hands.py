@@ -1,7 +1,5 @@
 """Hands: frames whose pose the whole-body QP holds and moves, in the world or relative to the base."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The built-in tasks, by name: each is one class here, with its weight and gain in :mod:`lgmpc.wbc.settings`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

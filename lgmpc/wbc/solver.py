@@ -11,8 +11,6 @@ the tip of a friction pyramid) replace one of them. Variables with equal bounds,
 are left out of the problem.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from importlib.resources import files

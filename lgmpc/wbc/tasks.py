@@ -22,8 +22,6 @@ Source: A. Del Prete et al., "Implementing torque control with high-ratio gear b
 IJHR 2016, section 3, for the form.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Quantities of the robot for planning and feedback at the sensed state, in one compiled call."""
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

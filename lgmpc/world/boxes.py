@@ -1,7 +1,5 @@
 """Boxes as ground: tens to hundreds of them behind one grid, so that a query looks at a few."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 In MuJoCo feet without a radius catch on the edges of triangles.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

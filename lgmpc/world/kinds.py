@@ -4,8 +4,6 @@ A new one is a class with a ``kind``, its sizes, and :meth:`Part.lay`; a line in
 part of a course.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Parts of the ground laid out one behind the other along the x axis."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ A name that contains a size stands for a kind, and other keys may follow it: ``w
 ``world: {kind: blocks_50mm, size_m: 0.2}``.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

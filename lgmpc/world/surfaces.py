@@ -1,7 +1,5 @@
 """Planes, and the queries that all surfaces of a world answer."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, NamedTuple, Protocol

@@ -1,7 +1,5 @@
 """Queries of the ground, the same for the truth and for what a controller believes."""
 
-from __future__ import annotations
-
 from typing import Protocol
 
 from lgmpc.typing import Array, BoolArray

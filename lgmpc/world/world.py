@@ -1,7 +1,5 @@
 """The world of a run: its surfaces as one terrain, and where the robot starts on it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

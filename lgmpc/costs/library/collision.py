@@ -1,7 +1,5 @@
 """The distance of two shapes, with a derivative that is exact wherever the distance has one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

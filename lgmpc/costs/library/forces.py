@@ -1,7 +1,5 @@
 """Residuals of contact forces; values and derivatives are finite at zero force."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

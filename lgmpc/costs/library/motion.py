@@ -1,7 +1,5 @@
 """Residuals of state, control, joints, momentum, and of frames fixed to the robot's bodies."""
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """The contact-aided invariant extended Kalman filter, on preallocated memory."""
 
-from __future__ import annotations
-
 import functools
 import math
 import sys

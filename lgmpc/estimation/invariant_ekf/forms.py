@@ -16,8 +16,6 @@ one is the standard "quaternion" error-state filter (Bloesch et al., RSS 2012), 
 All expressions are CasADi's; poses are in SE_{2+k}(3), columns velocity, position and k points of contact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Protocol
 

@@ -4,8 +4,6 @@ Fixed sizes: a point that is not in use has a column of zeros, rows and columns 
 The covariance's order is rotation, velocity, position, contact points, gyro bias, accelerometer bias.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

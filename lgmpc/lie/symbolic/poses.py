@@ -17,8 +17,6 @@ Estimation for Robotics*, 7.1.5, in another form); ``Q -> hat(rho) / 2`` as the 
 begin with ``phi``; SE(3) is SE_1(3) with the linear part first.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """:mod:`lgmpc.lie.quaternion` on CasADi expressions: unit quaternions, x y z w, as columns (SX, MX or DM)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

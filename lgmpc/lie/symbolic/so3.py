@@ -1,7 +1,5 @@
 """:mod:`lgmpc.lie.so3` on CasADi expressions: rotation matrices (3, 3), rotation vectors (3), rad."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

@@ -3,8 +3,6 @@
 Centroidal momentum is [linear; angular] about the centre of mass, world axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Factors of the mass matrix and of symmetric systems, with the sparsity of the tree's branches."""
 
-from __future__ import annotations
-
 from copy import copy
 from typing import Any, TypeVar
 

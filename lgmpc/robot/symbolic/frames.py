@@ -1,7 +1,5 @@
 """Frames fixed to bodies: placements, Jacobians, velocities and classical accelerations, in three choices of axes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

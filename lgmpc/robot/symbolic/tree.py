@@ -1,7 +1,5 @@
 """The constants of a ``pin.Model`` used by the symbolic algorithms."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Solvers of linear-quadratic subproblems behind one small protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from lgmpc.errors import InputError

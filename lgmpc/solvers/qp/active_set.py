@@ -23,8 +23,6 @@ the others' multipliers do (El-Bakry, Tapia, Zhang, SIAM Review 36, 1994). As so
 solve continues with active sets and ends exactly, without the ill-conditioned end of the central path.
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Sequence
 from importlib.resources import files

@@ -5,8 +5,6 @@ size of a stage. A second solve with the same weights and other targets uses the
 the cost.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 from collections.abc import Callable

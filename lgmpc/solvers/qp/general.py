@@ -7,8 +7,6 @@ The patterns never change. Values arrive by one gather a matrix, from positions 
 that would depend on the clock is fixed: the same inputs give the same bits.
 """
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from importlib import import_module

@@ -9,8 +9,6 @@ and the roll-out ``du = -L^-T (Y dx + y)``. Other targets change only p and y. S
 symmetric matrices are computed once.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import casadi as ca

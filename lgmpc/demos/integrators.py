@@ -7,13 +7,7 @@ import numpy as np
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape, largest
 from lgmpc.lie import so3
-from lgmpc.mechanics import UP, EulerPoincare, Motion, heavy_top, torque_free_body
-from lgmpc.mechanics.integrators import (
-    discrete_euler_poincare,
-    matrix_runge_kutta,
-    moser_veselov,
-    projected_runge_kutta,
-)
+from lgmpc.mechanics import UP, EulerPoincare, Motion, heavy_top, integrators, torque_free_body
 from lgmpc.typing import Array
 
 DURATION = 1000.0
@@ -24,10 +18,10 @@ ROUNDING = 1e-11
 """Bound of rounding errors: 1e4 steps of 1e-16 each, with a margin."""
 _PLATE = Shape("box", (0.71, 0.5, 0.01))  # its moments of inertia are as 1 to 2 to 3
 _METHODS = {
-    "RK4 on matrix entries": matrix_runge_kutta,
-    "RK4, projected": projected_runge_kutta,
-    "discrete Euler-Poincare": discrete_euler_poincare,
-    "discrete Moser-Veselov": moser_veselov,
+    "RK4 on matrix entries": integrators.matrix_runge_kutta,
+    "RK4, projected": integrators.projected_runge_kutta,
+    "discrete Euler-Poincare": integrators.discrete_euler_poincare,
+    "discrete Moser-Veselov": integrators.moser_veselov,
 }
 
 

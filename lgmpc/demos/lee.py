@@ -13,21 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from lgmpc.demos.outcome import Body, Curve, Outcome, Panel, Row, Shape, largest
 from lgmpc.lie import se3, so3
-from lgmpc.mechanics import HEIGHT, Symbols, torque_free_body
-from lgmpc.mechanics.quadrotor import (
-    Controller,
-    EulerAngleController,
-    GeometricController,
-    GeometricGains,
-    Quadrotor,
-    hover,
-    lissajous,
-)
+from lgmpc.mechanics import HEIGHT, Symbols, quadrotor, torque_free_body
 from lgmpc.typing import Array, IntArray
 
-_QUADROTOR = Quadrotor.of_the_paper()
+_QUADROTOR = quadrotor.Quadrotor.of_the_paper()
 _REAL = _QUADROTOR.limited(lift=2.5, moment=20.0)
-_GAINS = GeometricGains.of_the_paper()
+_GAINS = quadrotor.GeometricGains.of_the_paper()
 _GOAL = np.array([0.0, 0.0, 3.0])
 _STARTS, _TUMBLE, _DURATION, _STEP = 60, 20.0, 7.0, 8e-3  # rad/s, s
 _FASTEST = 0.5 / _STEP  # rad/s: a vehicle that rotates faster is lost, and more than a step resolves
@@ -38,7 +29,7 @@ _OURS, _THEIRS = 0x0072B2, 0xD55E00
 class _UntilLost:
     """A controller whose rotors stop where the vehicle is lost."""
 
-    controller: Controller
+    controller: quadrotor.Controller
 
     def control(self, s: Symbols) -> tuple[Any, Any]:
         thrust, moment = self.controller.control(s)
@@ -68,8 +59,8 @@ def run() -> Outcome:
     times, rotations, rates = _turning()
     pendulum, swing = _pendulum(times, rotations)
     tracking, path = _tracking()
-    ours = _flights(GeometricController(_REAL, hover(_GOAL)))
-    theirs = _flights(EulerAngleController(_REAL, hover(_GOAL)))
+    ours = _flights(quadrotor.GeometricController(_REAL, quadrotor.hover(_GOAL)))
+    theirs = _flights(quadrotor.EulerAngleController(_REAL, quadrotor.hover(_GOAL)))
     back = [int(np.sum((f.ends == len(f.times)) & (f.away[:, -1] < 0.1))) for f in (ours, theirs)]
     rows = (
         pendulum,
@@ -114,7 +105,7 @@ def _turning() -> tuple[Array, Array, Array]:
     rolls = so3.exp(np.array([[np.radians(178.0), 0.0, 0.0], [np.pi - 1e-6, 0.0, 0.0]]))
     random = Rotation.random(20, random_state=4).as_matrix()
     starts = np.concatenate((rolls, np.diag([1.0, -1.0, -1.0])[None], random))
-    controller, still = GeometricController(_QUADROTOR, hover()), ca.DM.zeros(3)
+    controller, still = quadrotor.GeometricController(_QUADROTOR, quadrotor.hover()), ca.DM.zeros(3)
     body = torque_free_body(
         _QUADROTOR.inertia, body_force=lambda s: controller.moment(s.pose, s.velocity, ca.DM.eye(3), still, still)
     )
@@ -165,7 +156,7 @@ def _lyapunov(times: Array, rotations: Array, rates: Array) -> tuple[Row, Row]:
 
 def _tracking() -> tuple[Row, Panel]:
     """Check the feed-forward: the error from a start on the trajectory with its attitude and rate stays zero."""
-    controller, time = GeometricController(_QUADROTOR, lissajous()), ca.SX.sym("time")
+    controller, time = quadrotor.GeometricController(_QUADROTOR, quadrotor.lissajous()), ca.SX.sym("time")
     position = ca.SX(controller.reference(time)[0])
     curve = ca.Function("curve", [time], [position, ca.jacobian(position, time)])
     place, speed = (value.full().ravel() for value in curve(0.0))
@@ -182,7 +173,7 @@ def _tracking() -> tuple[Row, Panel]:
     return Row("distance from the trajectory in 3 s", 0.0, largest(flown - goal), 1e-8, "m"), panel
 
 
-def _flights(controller: Controller) -> _Flights:
+def _flights(controller: quadrotor.Controller) -> _Flights:
     """Simulate the tumbling starts."""
     omega = np.random.default_rng(0).normal(size=(_STARTS, 3))
     omega *= _TUMBLE / np.linalg.norm(omega, axis=1, keepdims=True)

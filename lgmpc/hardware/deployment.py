@@ -14,15 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lgmpc.control.interface import (
-    Command,
-    CommandGuard,
-    Controller,
-    Estimator,
-    Measurement,
-    RobotState,
-    command_limits,
-)
+from lgmpc.control import interface
 from lgmpc.errors import cause_of
 from lgmpc.hardware.realtime import real_time
 from lgmpc.hardware.safety import DeploymentSettings, JointLimits, Operator, Safety
@@ -38,14 +30,14 @@ _LIE_DOWN_S = 5.0
 class Driver(Protocol):
     """The interface of a robot's drives and sensors to the loop."""
 
-    def read(self, timeout_s: float) -> Sequence[Measurement]:
+    def read(self, timeout_s: float) -> Sequence[interface.Measurement]:
         """Return the measurements that have arrived since the last call, oldest first.
 
         Waits for the first one, at most ``timeout_s``; empty if none arrived. Measurements are taken at the control
         rate; ``Measurement.time`` is the robot's clock.
         """
 
-    def write(self, command: Command) -> None:
+    def write(self, command: interface.Command) -> None:
         """Send the command computed from the newest measurement; the drives apply it until the next one."""
 
     def close(self) -> None:
@@ -78,9 +70,9 @@ class DeployedTick:
     """
 
     index: int
-    measurement: Measurement
-    state: RobotState
-    command: Command
+    measurement: interface.Measurement
+    state: interface.RobotState
+    command: interface.Command
     replaced: bool
     spent: float
 
@@ -136,8 +128,8 @@ class Deployment:
 
 def deploy(
     driver: Driver,
-    controller: Controller,
-    estimator: Estimator,
+    controller: interface.Controller,
+    estimator: interface.Estimator,
     *,
     period_s: float,
     duration_s: float,
@@ -210,8 +202,8 @@ class _Loop:
     def __init__(
         self,
         driver: Driver,
-        controller: Controller,
-        estimator: Estimator,
+        controller: interface.Controller,
+        estimator: interface.Estimator,
         period: float,
         settings: DeploymentSettings,
         after_command: Callable[[], None],
@@ -222,13 +214,15 @@ class _Loop:
         self._driver, self._controller, self._estimator = driver, controller, estimator
         self._period, self._settings, self._operator = period, settings, operator
         self._after_command, self._on_tick = after_command, on_tick
-        self._guard = CommandGuard(settings.damping_nms, None if limits is None else command_limits(limits.effort))
+        self._guard = interface.CommandGuard(
+            settings.damping_nms, None if limits is None else interface.command_limits(limits.effort)
+        )
         self._safety = Safety(settings, limits, period)
         self._overtaken = self._missing = self._silences = self._misdated = 0
         self._volts, self._degrees = np.inf, -np.inf
         self._errors: IntArray | None = None
         self._spent: list[float] = []
-        self._last: Measurement | None = None  # by the robot's clock
+        self._last: interface.Measurement | None = None  # by the robot's clock
         self._heard = perf_counter()
         self._begun = math.nan  # by the robot's clock
         self._wrong_clock = ""
@@ -237,7 +231,7 @@ class _Loop:
         """Answer measurements until the duration is over, and the robot has lain down, unless a _Stop ends it."""
         silent, operator, settings = False, self._operator, self._settings
         end, lying, by_user = duration - 1.5 * self._period, False, False
-        waiting: list[Measurement] = []  # of a robot that waits for the answer to its first one
+        waiting: list[interface.Measurement] = []  # of a robot that waits for the answer to its first one
         while True:
             found = self._driver.read(settings.silence_s)
             now = perf_counter()
@@ -279,7 +273,7 @@ class _Loop:
         """Write the command that damps the joints."""
         if self._spent and self._last is not None:
             joints = self._last.joints
-            self._driver.write(Command.damping(np.zeros_like(joints), joints, self._settings.damping_nms))
+            self._driver.write(interface.Command.damping(np.zeros_like(joints), joints, self._settings.damping_nms))
 
     @property
     def ticks(self) -> int:
@@ -295,7 +289,7 @@ class _Loop:
         status = volts if volts < np.inf else None, degrees if degrees > -np.inf else None, self._errors
         return Deployment(ending, spent.size, *counts, spent, failure, *status)
 
-    def _dated(self, readings: Sequence[Measurement], now: float) -> list[Measurement]:
+    def _dated(self, readings: Sequence[interface.Measurement], now: float) -> list[interface.Measurement]:
         """Return the readings whose times follow the last one's, as this machine's clock confirms, and log others."""
         valid = []
         for reading in readings:
@@ -323,7 +317,7 @@ class _Loop:
         never = "no measurement arrived: is the robot on, and is this its address?"
         return _Stop(Ending.LOST, never if self._last is None else "")
 
-    def _tick(self, readings: Sequence[Measurement], arrived: float, *, recorded: bool) -> None:
+    def _tick(self, readings: Sequence[interface.Measurement], arrived: float, *, recorded: bool) -> None:
         """Answer the newest of some measurements."""
         for reading in readings:
             self._watch(reading)
@@ -338,7 +332,7 @@ class _Loop:
         command = self._safety.shaped(command, state.time)
         if not self._operator.armed:
             self._safety.restart()
-            command = Command.damping(np.zeros_like(command.tau), reading.joints, self._settings.damping_nms)
+            command = interface.Command.damping(np.zeros_like(command.tau), reading.joints, self._settings.damping_nms)
         self._driver.write(command)
         spent = perf_counter() - arrived
         self._spent.append(spent)
@@ -346,7 +340,7 @@ class _Loop:
         if recorded:
             self._on_tick(DeployedTick(len(self._spent) - 1, reading, state, command, replaced, spent))
 
-    def _watch(self, reading: Measurement) -> None:
+    def _watch(self, reading: interface.Measurement) -> None:
         """Keep extremes of supply and temperature, and log each error flag of a drive when it first appears."""
         if reading.supply_voltage is not None:
             self._volts = min(self._volts, reading.supply_voltage)
@@ -360,6 +354,6 @@ class _Loop:
             self._errors = before | flags
 
 
-def _since(begun: float, reading: Measurement) -> Measurement:
+def _since(begun: float, reading: interface.Measurement) -> interface.Measurement:
     """Return the reading with its time counted from the first one's."""
     return reading._replace(time=reading.time - begun) if begun else reading

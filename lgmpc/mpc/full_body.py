@@ -16,16 +16,7 @@ from pydantic import Field
 
 from lgmpc.actions import ContactForwardDynamics, ExternalWrench, MultibodyAction, Unknowns
 from lgmpc.compile import StageKernel
-from lgmpc.costs import ConstraintItem, CostItem
-from lgmpc.costs.library import (
-    CentroidalMomentum,
-    CoMPosition,
-    ContactForce,
-    Control,
-    FrameTranslation,
-    FrictionCone,
-    StateError,
-)
+from lgmpc.costs import ConstraintItem, CostItem, library
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.interface import MeasuredState
@@ -100,18 +91,18 @@ class FullBodyMpc(SqpMpc):
         model, contacts = contact_point_model(robot)
         dynamics = ContactForwardDynamics(model, contacts, [ExternalWrench(model)])
         items = [
-            CostItem("com", CoMPosition()),
-            CostItem("momentum", CentroidalMomentum()),
-            CostItem("state", StateError(dynamics.state)),
-            CostItem("effort", Control(robot.nu)),
-            *(CostItem(f"force{i}", ContactForce(frame)) for i, frame in enumerate(contacts)),
-            *(CostItem(f"swing{i}", FrameTranslation(frame)) for i, frame in enumerate(contacts)),
+            CostItem("com", library.CoMPosition()),
+            CostItem("momentum", library.CentroidalMomentum()),
+            CostItem("state", library.StateError(dynamics.state)),
+            CostItem("effort", library.Control(robot.nu)),
+            *(CostItem(f"force{i}", library.ContactForce(frame)) for i, frame in enumerate(contacts)),
+            *(CostItem(f"swing{i}", library.FrameTranslation(frame)) for i, frame in enumerate(contacts)),
             *costs,
         ]
-        cones = [FrictionCone(frame, s.facets(robot)) for frame in contacts]
+        cones = [library.FrictionCone(frame, s.facets(robot)) for frame in contacts]
         limits = [
             *(ConstraintItem(f"cone{i}", cone, 0.0, np.inf) for i, cone in enumerate(cones)),
-            ConstraintItem("effort_limit", Control(robot.nu), -robot.effort_limit, robot.effort_limit),
+            ConstraintItem("effort_limit", library.Control(robot.nu), -robot.effort_limit, robot.effort_limit),
         ]
         action = MultibodyAction(f"full_body_{robot.nc}x{s.facets(robot)}", dynamics, items, limits)
         n, nc = s.nodes, robot.nc

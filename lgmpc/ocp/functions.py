@@ -5,17 +5,7 @@ import numpy as np
 
 from lgmpc.actions import Action
 from lgmpc.compile import BatchKernel, cached
-from lgmpc.ocp.horizon import (
-    StageMatrices,
-    bind_intervals,
-    bind_last,
-    distinct,
-    like,
-    pack_terminal,
-    retraction,
-    structure_of,
-    symbols_of,
-)
+from lgmpc.ocp import horizon
 from lgmpc.ocp.problem import ShootingProblem
 from lgmpc.ocp.quadratic import OcpQp, OcpQpStructure
 from lgmpc.typing import Array
@@ -38,7 +28,7 @@ class SubproblemFunctions:
 
     def __init__(self, problem: ShootingProblem) -> None:
         n, state, nu = problem.nodes, problem.state, problem.nu
-        actions = distinct(problem)
+        actions = horizon.distinct(problem)
         structure, kernels, terminal, retract = cached(_compile, actions, problem.terminal, n, nu)
         self.qp = OcpQp(structure)
         self.xs: Array = np.tile(problem.x0, (n + 1, 1))
@@ -47,8 +37,8 @@ class SubproblemFunctions:
         self.dxs: Array = np.zeros((n + 1, state.ndx))
         last = self.qp.terminal_values.reshape(1, -1)
         self._calls = (
-            *bind_intervals(problem, kernels, x=self.xs, u=self.us, x_next=self.xs[1:], values=self.qp.values),
-            bind_last(problem, terminal, x=self.xs[n:], values=last),
+            *horizon.bind_intervals(problem, kernels, x=self.xs, u=self.us, x_next=self.xs[1:], values=self.qp.values),
+            horizon.bind_last(problem, terminal, x=self.xs[n:], values=last),
         )
         self._retract = retract.bind(n + 1, x=self.xs_base, dx=self.dxs, x_next=self.xs)
         self.compiled = retract.compiled
@@ -68,11 +58,11 @@ def _compile(
 ) -> tuple[OcpQpStructure, tuple[BatchKernel, ...], BatchKernel, BatchKernel]:
     """Return the structure and the kernels of actions, terminal cost, retraction."""
     ng = max(action.value_function.size1_out("constraint") for action in actions)
-    matrices = [StageMatrices(action, nu, ng) for action in actions]
-    structure = structure_of(matrices, last, nodes)
+    matrices = [horizon.StageMatrices(action, nu, ng) for action in actions]
+    structure = horizon.structure_of(matrices, last, nodes)
     kernels = tuple(BatchKernel(stage.packed(structure.blocks)) for stage in matrices)
-    terminal = BatchKernel(pack_terminal(last, structure.terminal_blocks))
-    return structure, kernels, terminal, BatchKernel(retraction(last.state))
+    terminal = BatchKernel(horizon.pack_terminal(last, structure.terminal_blocks))
+    return structure, kernels, terminal, BatchKernel(horizon.retraction(last.state))
 
 
 class PathFunctions:
@@ -90,13 +80,13 @@ class PathFunctions:
     """
 
     def __init__(self, problem: ShootingProblem, xs: Array, us: Array) -> None:
-        kernels = cached(_compile_paths, distinct(problem), problem.nu)
+        kernels = cached(_compile_paths, horizon.distinct(problem), problem.nu)
         ng = max(0 if kernel is None else kernel.output_sizes["values"] for kernel in kernels)
         self.values: Array = np.zeros((problem.nodes, ng))
         self.lower: Array = np.full((problem.nodes, ng), -np.inf)
         self.upper: Array = np.full((problem.nodes, ng), np.inf)
         results = {"values": self.values, "lower": self.lower, "upper": self.upper}
-        self._calls = bind_intervals(problem, kernels, x=xs, u=us, **results)
+        self._calls = horizon.bind_intervals(problem, kernels, x=xs, u=us, **results)
 
     def evaluate(self) -> None:
         """Write :attr:`values`, :attr:`lower` and :attr:`upper`."""
@@ -112,8 +102,8 @@ def _compile_paths(actions: tuple[Action, ...], nu: int) -> tuple[BatchKernel | 
 
 
 def _path(action: Action, nu: int) -> ca.Function:
-    x, _, p = symbols_of(action.value_function)
-    u = like(action.value_function, ca.SX.sym("u", nu))
+    x, _, p = horizon.symbols_of(action.value_function)
+    u = horizon.like(action.value_function, ca.SX.sym("u", nu))
     _, _, *rows = action.value_function.call([x, u[: action.nu], p])
     names = ["values", "lower", "upper"]
     return ca.Function(f"{action.name}_path_{nu}", [x, u, p], [ca.densify(row) for row in rows], ["x", "u", "p"], names)

@@ -17,17 +17,9 @@ from lgmpc.costs import CostItem, Parameter, Residual, StageSymbols
 from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import FreeDurations, FreePhase, Trajectory
+from lgmpc.problems import legged
 from lgmpc.problems.footsteps import BaseLeap, Footsteps
 from lgmpc.problems.ground import Ground
-from lgmpc.problems.legged import (
-    SPEED_USED,
-    LeggedScale,
-    carrying_efforts,
-    check_legged,
-    legged_problem,
-    reference_states,
-    resting_guess,
-)
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_settings import JumpWeights, LeggedSettings
 from lgmpc.problems.motion import com_positions, contact_positions
@@ -95,8 +87,8 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
         InputError: a robot without free base or contact frames.
     """
     s = FreeJumpSettings() if settings is None else settings
-    check_legged(robot)
-    scale, ground = LeggedScale.of(robot), Ground(s.ground())
+    legged.check_legged(robot)
+    scale, ground = legged.LeggedScale.of(robot), Ground(s.ground())
     start = contact_positions(robot, robot.x_reference[None])[0]
 
     def planned(takeoff: float, flight: float, landing: float) -> tuple[GaitSequence, BaseLeap, Footsteps]:
@@ -107,9 +99,9 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
 
     gait, leap, steps = planned(*(s.nominal_s(phase) for phase in _PHASES))
     grid = gait.grid(s.step_s)
-    reference = reference_states(robot, leap, grid.times, ground, steps)
+    reference = legged.reference_states(robot, leap, grid.times, ground, steps)
     apex = CostItem("apex", _Apex(scale.gravity), 0.0)
-    fixed = legged_problem(robot, grid, reference, steps, s, ground, (apex,))
+    fixed = legged.legged_problem(robot, grid, reference, steps, s, ground, (apex,))
     first_flight = int(np.flatnonzero(grid.flight)[0])
     first_landing = int(np.flatnonzero(grid.impacts)[-1]) + 1
     top = float(com_positions(robot, reference[:1])[0, 2]) + s.com_rise_m
@@ -153,7 +145,7 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     flags[~free.chosen] = grid.flags
     gates = np.flatnonzero(free.chosen)
     flags[gates] = flags[gates + 1]
-    guess = Trajectory(resting_guess(robot, grid, reference), carrying_efforts(robot, grid))
+    guess = Trajectory(legged.resting_guess(robot, grid, reference), legged.carrying_efforts(robot, grid))
     return Scenario(
         name="jump_free_time",
         robot=robot,
@@ -180,7 +172,7 @@ def _remarks(
         f"{label} of {', '.join(np.array(robot.joint_names)[reached])}"
         for label, reached in (
             ("torque", efforts.max(axis=0) >= _AT_LIMIT),
-            ("speed", rates.max(axis=0) >= SPEED_USED * _AT_LIMIT),
+            ("speed", rates.max(axis=0) >= legged.SPEED_USED * _AT_LIMIT),
         )
         if reached.any()
     ]

@@ -9,17 +9,9 @@ import pinocchio as pin
 from lgmpc.lie import so3
 from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
+from lgmpc.problems import motion
 from lgmpc.problems.footsteps import Footsteps
 from lgmpc.problems.ground import BodySpheres, Ground
-from lgmpc.problems.motion import (
-    com_positions,
-    com_speed,
-    contact_positions,
-    friction_use,
-    joint_limit_violation,
-    reactions,
-    spins,
-)
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
@@ -61,8 +53,8 @@ class LeggedFigures:
         flight_spin_ratio: see :meth:`flight`.
         """
         robot, grid, xs = self.robot, self.grid, trajectory.xs
-        feet, planned = contact_positions(robot, xs), self.steps.positions(grid.times)
-        found, moving = reactions(robot, trajectory, grid.durations, grid.flags), ~grid.impacts
+        feet, planned = motion.contact_positions(robot, xs), self.steps.positions(grid.times)
+        found, moving = motion.reactions(robot, trajectory, grid.durations, grid.flags), ~grid.impacts
         wrenches = found.wrenches @ self.ground.axes  # in those of the ground
         pressed = wrenches[grid.flags & moving[:, None]]
         struck = wrenches[grid.flags & grid.impacts[:, None]]
@@ -72,13 +64,13 @@ class LeggedFigures:
         rotations = so3.from_quaternion.unchecked(xs[:, 3:7])
         start, goal = self.ground.placed(robot.x_reference[None])[0], self.goal
         turned = so3.from_quaternion.unchecked(goal[3:7]).T @ rotations[-1]
-        com = com_positions(robot, xs)[:, 2]
+        com = motion.com_positions(robot, xs)[:, 2]
         com_error, spin = self.flight(xs)
         return {
             "forward_distance_m": float((xs[-1, :3] - start[:3]) @ self.ground.axes[:, 0]),
             "goal_error_m": float(np.linalg.norm(xs[-1, :3] - goal[:3])),
             "goal_rotation_error_deg": math.degrees(float(np.linalg.norm(pin.log3(turned)))),
-            "final_speed_m_s": com_speed(robot, xs[-1]),
+            "final_speed_m_s": motion.com_speed(robot, xs[-1]),
             "tilt_deg": math.degrees(float(np.arccos(np.clip(rotations[:, 2, 2], -1.0, 1.0)).max())),
             "clearance_m": float(BodySpheres.measured(robot).distances(robot, xs, self.ground.world).min()),
             "foot_depth_m": self._foot_depth(feet),
@@ -88,13 +80,13 @@ class LeggedFigures:
             "foothold_error_m": self._foothold_error(feet),
             "touchdown_speed_m_s": self._touchdown_speed(xs),
             "slip_m": self._slip(feet),
-            "friction_ratio": float(friction_use(pressed, self.friction).max(initial=0.0)),
+            "friction_ratio": float(motion.friction_use(pressed, self.friction).max(initial=0.0)),
             "normal_force_n": float(pressed[:, 2].min(initial=np.inf)),
             "peak_force_n": float(pressed[:, 2].max(initial=0.0)),
             "impact_cone_violation_ns": float(_outside_cone(struck, self.friction).max(initial=0.0)),
             "effort_ratio": float((np.abs(trajectory.us[moving]) / robot.effort_limit).max()),
             "joint_velocity_ratio": float((rates / robot.velocity_limit).max()),
-            "joint_limit_violation_rad": joint_limit_violation(robot, xs),
+            "joint_limit_violation_rad": motion.joint_limit_violation(robot, xs),
             "dynamics_misfit_ratio": float(found.misfit.max()) / weight,
             "flight_com_error_m": com_error,
             "flight_spin_ratio": spin,
@@ -102,7 +94,7 @@ class LeggedFigures:
 
     def forces(self, trajectory: Trajectory) -> Array:
         """Return (N, nc, 3) the forces on the feet, world axes, N; zero over an impact, which has impulses."""
-        forces = reactions(self.robot, trajectory, self.grid.durations, self.grid.flags).wrenches
+        forces = motion.reactions(self.robot, trajectory, self.grid.durations, self.grid.flags).wrenches
         forces[self.grid.impacts] = 0.0
         return forces
 
@@ -114,7 +106,7 @@ class LeggedFigures:
         order in the intervals' length.
         """
         robot, times = self.robot, self.grid.times
-        data, com, spin = robot.create_data(), com_positions(robot, xs), spins(robot, xs)
+        data, com, spin = robot.create_data(), motion.com_positions(robot, xs), motion.spins(robot, xs)
         pin.ccrba(robot.model, data, robot.q_reference, np.zeros(robot.nv))
         inertia = float(np.linalg.eigvalsh(data.Ig.inertia).max())
         worst = [0.0, 0.0]

@@ -10,16 +10,8 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.actions import FreeForwardDynamics, MultibodyAction
-from lgmpc.costs import ConstraintItem, CostItem
+from lgmpc.costs import ConstraintItem, CostItem, library
 from lgmpc.costs.activations import QuadraticBarrier
-from lgmpc.costs.library import (
-    ContactControlGravity,
-    Control,
-    FrameRotation,
-    FrameTranslation,
-    ShapePairDistance,
-    StateError,
-)
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude
 from lgmpc.lie.checks import typed
@@ -77,10 +69,10 @@ class TargetSettings(ProblemSettings):
 
     def costs(self, name: str, position: float, rotation: float) -> list[CostItem]:
         """Return the costs of the frame's position and, if one is given, its rotation (``<name>_rotation``)."""
-        found = [CostItem(name, FrameTranslation(self.frame, self.target.translation), position)]
+        found = [CostItem(name, library.FrameTranslation(self.frame, self.target.translation), position)]
         if self.rpy_deg is not None:
             quaternion = pin.Quaternion(self.target.rotation).coeffs()
-            found.append(CostItem(f"{name}_rotation", FrameRotation(self.frame, quaternion), rotation))
+            found.append(CostItem(f"{name}_rotation", library.FrameRotation(self.frame, quaternion), rotation))
         return found
 
     def figures(self, robot: Robot, xs: Array) -> dict[str, float]:
@@ -127,15 +119,15 @@ def build_reach(robot: Robot, settings: ReachSettings) -> Scenario:
     dynamics = FreeForwardDynamics(robot.model)
     state = dynamics.state
     barrier = QuadraticBarrier(state.lower, state.upper)
-    limits = CostItem("limits", StateError(state), w.limits, barrier)
+    limits = CostItem("limits", library.StateError(state), w.limits, barrier)
     running = [
-        CostItem("posture", StateError(state, robot.x_reference), np.repeat([w.posture, w.velocity], nu)),
-        CostItem("effort", ContactControlGravity(nu), w.effort),
+        CostItem("posture", library.StateError(state, robot.x_reference), np.repeat([w.posture, w.velocity], nu)),
+        CostItem("effort", library.ContactControlGravity(nu), w.effort),
         limits,
     ]
-    bounds = ConstraintItem("effort_limit", Control(nu), -robot.effort_limit, robot.effort_limit)
+    bounds = ConstraintItem("effort_limit", library.Control(nu), -robot.effort_limit, robot.effort_limit)
     soft, hard = clearance_items(robot, s.clearances)
-    rest = CostItem("rest", StateError(state, robot.x_reference), np.repeat([0.0, w.rest], nu))
+    rest = CostItem("rest", library.StateError(state, robot.x_reference), np.repeat([0.0, w.rest], nu))
     position, *rotation = s.costs("position", w.position, w.rotation)
     ending = [position, rest, limits, *rotation]
     problem = ShootingProblem(
@@ -178,7 +170,7 @@ def clearance_items(robot: Robot, clearances: Sequence[Clearance]) -> tuple[list
     costs, constraints = [], []
     for i, (clearance, pair) in enumerate(zip(clearances, _pairs(robot, clearances), strict=True)):
         try:
-            distance = ShapePairDistance(*pair)
+            distance = library.ShapePairDistance(*pair)
         except InputError as error:
             raise InputError(f"clearances.{i}", error.got, error.expected) from error
         name = f"clearance_{i}"

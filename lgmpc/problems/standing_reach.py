@@ -19,16 +19,8 @@ from lgmpc.costs.library import CenterOfPressure, Control, FrictionCone, JointAc
 from lgmpc.errors import InputError
 from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
+from lgmpc.problems import motion
 from lgmpc.problems.legged_settings import ContactGains, gains_of_contacts
-from lgmpc.problems.motion import (
-    carry,
-    com_positions,
-    com_speed,
-    frame_placements,
-    friction_use,
-    joint_limit_violation,
-    reactions,
-)
 from lgmpc.problems.reach import TargetSettings, clearance_items
 from lgmpc.problems.scenario import Scenario
 from lgmpc.robot import Robot
@@ -118,20 +110,20 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     """
     s = settings
     _check(robot, s)
-    stance = [frame_placements(robot, frame, robot.x_reference[None])[0] for frame in robot.contact_frames]
+    stance = [motion.frame_placements(robot, frame, robot.x_reference[None])[0] for frame in robot.contact_frames]
     corners = np.concatenate([sole_corners(sole, s.sole_half_size_m) for sole in stance])
     problem = _problem(robot, s, stance)
     durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)
-    _, effort = carry(robot, flags[0], 6)
+    _, effort = motion.carry(robot, flags[0], 6)
     bounded = np.clip(effort, -robot.effort_limit, robot.effort_limit)
     guess = Trajectory(problem.hold().xs, np.tile(bounded, (s.nodes, 1)))
 
     def wrenches(trajectory: Trajectory) -> Array:
-        return reactions(robot, trajectory, durations, flags, 6).wrenches
+        return motion.reactions(robot, trajectory, durations, flags, 6).wrenches
 
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs = trajectory.xs
-        feet = [frame_placements(robot, frame, xs) for frame in robot.contact_frames]
+        feet = [motion.frame_placements(robot, frame, xs) for frame in robot.contact_frames]
         moved = [stood.actInv(foot) for stood, foots in zip(stance, feet, strict=True) for foot in foots]
         forces = wrenches(trajectory)
         ground = np.array([sole.translation for sole in stance])
@@ -140,15 +132,15 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
         pressure = np.array([[center_of_pressure(f) for f in node] for node in in_axes_of(stance, forces)])
         return {
             **s.figures(robot, xs),
-            "final_speed_m_s": com_speed(robot, xs[-1]),
+            "final_speed_m_s": motion.com_speed(robot, xs[-1]),
             "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
-            "com_margin_m": margin_inside(corners, com_positions(robot, xs)),
+            "com_margin_m": margin_inside(corners, motion.com_positions(robot, xs)),
             "zmp_margin_m": margin_inside(corners, np.array([center_of_pressure(f) for f in total])),
             "cop_margin_m": float((np.array(s.sole_half_size_m) - np.abs(pressure)).min()),
-            "friction_ratio": float(friction_use(forces[..., :3].reshape(-1, 3), s.friction).max()),
+            "friction_ratio": float(motion.friction_use(forces[..., :3].reshape(-1, 3), s.friction).max()),
             "slip_m": float(max(np.linalg.norm(move.translation) for move in moved)),
             "sole_turn_deg": float(np.degrees(max(np.linalg.norm(pin.log3(move.rotation)) for move in moved))),
-            "joint_limit_violation_rad": joint_limit_violation(robot, xs),
+            "joint_limit_violation_rad": motion.joint_limit_violation(robot, xs),
         }
 
     return Scenario(

@@ -7,19 +7,11 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError, ModelError
-from lgmpc.robot import checks
+from lgmpc.robot import checks, posture
 from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values, one_side
 from lgmpc.robot.collision import check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
-from lgmpc.robot.posture import (
-    LEVEL_TOLERANCE,
-    contact_heights,
-    propose_posture,
-    propose_standing,
-    put_on_ground,
-    reference_posture,
-)
 from lgmpc.robot.soles import Foot, make_feet
 from lgmpc.robot.sources import ResolvedSource, build_model, find_packages, resolve
 from lgmpc.robot.spec import RobotSpec
@@ -68,7 +60,7 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     name = spec.model or model.name
     _read_srdf(model, source)
     joints = actuated_joints(model)
-    q, posture_problems, posture_notes = reference_posture(model, joints, spec.posture, source.posture)
+    q, posture_problems, posture_notes = posture.reference_posture(model, joints, spec.posture, source.posture)
     actuators = _set_actuators(model, joints, spec, q)
 
     inertia_problems, inertia_notes = checks.check_inertias(model)
@@ -87,20 +79,22 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
     ids = () if frame_problems else tuple(frame_index(model, frame) for frame in frames)
-    q = put_on_ground(model, q, ids, spec.contact_radius_m)
-    heights = contact_heights(model, q, ids, spec.contact_radius_m) if ids else np.zeros(1)
+    q = posture.put_on_ground(model, q, ids, spec.contact_radius_m)
+    heights = posture.contact_heights(model, q, ids, spec.contact_radius_m) if ids else np.zeros(1)
     uneven = (
         [f"in the reference posture the contact points differ by {1e3 * np.ptp(heights):.1f} mm in height"]
-        if np.ptp(heights) > LEVEL_TOLERANCE
+        if np.ptp(heights) > posture.LEVEL_TOLERANCE
         else []
     )
     mimics = checks.check_mimic(model, text.mimics)
     if spec.posture is None and ids and not problems:
         known = [entry.key() for entry in model.referenceConfigurations]
         if not spec.feet:
-            posture_notes += propose_posture(model, joints, q, ids)
+            posture_notes += posture.propose_posture(model, joints, q, ids)
         elif source.posture not in known:
-            problems += propose_standing(model, joints, q, [[frame_index(model, c) for c in s.frames] for s in soles])
+            problems += posture.propose_standing(
+                model, joints, q, [[frame_index(model, c) for c in s.frames] for s in soles]
+            )
     notes = (*notes, *text.notes, *package_notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
     lower, upper = _degree_limits(model, joints)
     start = 6 if is_floating(model) else 0

@@ -16,6 +16,7 @@ from lgmpc.runs.log import CONTACT_STATES
 from lgmpc.runs.metrics import rpy_deg, tilt_and_yaw_deg
 from lgmpc.runs.walking import body_velocity, stride_mean
 from lgmpc.typing import BoolArray
+from lgmpc.viz import series
 from lgmpc.viz.figure_files import (
     EXTRA,
     INK,
@@ -29,17 +30,6 @@ from lgmpc.viz.figure_files import (
     draw_figures,
     figure_title,
     legend_above,
-)
-from lgmpc.viz.series import (
-    JointValues,
-    draw_forces,
-    draw_joints,
-    draw_xyz,
-    finish,
-    friction_words,
-    label_modes,
-    label_pushes,
-    stacked,
 )
 from lgmpc.viz.trajectory_plots import trajectory_drawings
 
@@ -94,16 +84,16 @@ def _base(figure: Figure, log: RunLog) -> bool:
     moved = log.base_pose[:, :2] - log.base_pose[0, :2]
     unit, scale = length_unit(float(np.abs(moved).max()))
     headings = ("Base displacement", unit), ("Base height above the ground", "mm"), ("Base tilt from upright", "deg")
-    position, height, tilt = rows = stacked(figure, (8.0, 6.2), *headings)
-    draw_xyz(position, log.time, scale * moved, ("x (forward)", "y (left)"))
+    position, height, tilt = rows = series.stacked(figure, (8.0, 6.2), *headings)
+    series.draw_xyz(position, log.time, scale * moved, ("x (forward)", "y (left)"))
     height.plot(log.time, 1e3 * log.above_ground(log.base_reference[:, :3]), **_TARGET, label="target")
     height.plot(log.time, 1e3 * log.base_height, color=Z, label="base")
     tilt.plot(log.time, log.tilt_deg, color=X)
     tilt.set_ylim(0.0, None)
     for axes, span in zip(rows, (2e-3 * scale, 2.0, 0.0), strict=True):
-        finish(log, axes, span=span)
-    label_pushes(log, [position])
-    label_modes(log, height)
+        series.finish(log, axes, span=span)
+    series.label_pushes(log, [position])
+    series.label_modes(log, height)
     legend_above(position, height)
     return True
 
@@ -112,12 +102,12 @@ def _attitude(figure: Figure, log: RunLog) -> bool:
     if not log.floating_base:
         return False
     headings = ("Base attitude", "deg"), ("Angular velocity, base axes", "rad/s")
-    angles, rates = stacked(figure, (8.0, 4.8), *headings)
-    draw_xyz(angles, log.time, rpy_deg(log.base_pose[:, 3:]), ("roll, x", "pitch, y", "yaw, z"))
-    draw_xyz(rates, log.time, log.v[:, 3:6], lw=1.1)
-    finish(log, angles, span=0.2)
-    finish(log, rates, span=0.02)
-    label_pushes(log, [angles])
+    angles, rates = series.stacked(figure, (8.0, 4.8), *headings)
+    series.draw_xyz(angles, log.time, rpy_deg(log.base_pose[:, 3:]), ("roll, x", "pitch, y", "yaw, z"))
+    series.draw_xyz(rates, log.time, log.v[:, 3:6], lw=1.1)
+    series.finish(log, angles, span=0.2)
+    series.finish(log, rates, span=0.02)
+    series.label_pushes(log, [angles])
     legend_above(angles)
     return True
 
@@ -127,7 +117,7 @@ def _velocity(figure: Figure, log: RunLog) -> bool:
     if not log.commanded:
         return False
     headings = ("Velocity ahead", "m/s"), ("Velocity to the left", "m/s"), ("Yaw rate", "rad/s")
-    rows = stacked(figure, (9.6, 6.4), *headings)
+    rows = series.stacked(figure, (9.6, 6.4), *headings)
     velocity, dt = body_velocity(log), float(np.median(np.diff(log.time)))
     window = max(1, min(round(float(log.gait_period_s.min()) / dt), log.ticks))
     mean = stride_mean(velocity, window)
@@ -136,8 +126,8 @@ def _velocity(figure: Figure, log: RunLog) -> bool:
         axes.plot(log.time, velocity[:, column], color=color, lw=0.6, alpha=0.45, label="instantaneous")
         axes.plot(middle, mean[:, column], color=color, label="mean over a gait cycle")
         axes.plot(log.time, log.command[:, column], **_TARGET, label="limited command")
-        finish(log, axes, span=0.1)
-    label_pushes(log, rows[:1])
+        series.finish(log, axes, span=0.1)
+    series.label_pushes(log, rows[:1])
     legend_above(rows[0])
     return True
 
@@ -150,7 +140,7 @@ def _gait(figure: Figure, log: RunLog) -> bool:
     whole, detail = figure.subplots(2, 1)
     for axes in (whole, detail):
         _draw_contact_rows(axes, log)
-        finish(log, axes)
+        series.finish(log, axes)
     whole.set_title("Stances, and below each the measured contact")
     detail.set(title="Detail", xlabel="time, s", xlim=_detail(log))
     legend_above(whole)
@@ -174,7 +164,7 @@ def _feet(figure: Figure, log: RunLog) -> bool:
         touching = log.closed[shown, k]
         axes.fill_between(time, 0.0, 1.0, touching, transform=axes.get_xaxis_transform(), color=SOFT, alpha=0.15, lw=0)
         axes.set_ylabel(f"{name}, mm")
-        finish(log, axes, span=10.0)
+        series.finish(log, axes, span=10.0)
         axes.set_xlim(begin, end)
     rows[0].set_title("Height of the feet, shaded during contact")
     rows[-1].set_xlabel("time, s")
@@ -225,8 +215,8 @@ def _com(figure: Figure, log: RunLog) -> bool:
         axes.plot(log.time, factor * log.com_reference[:, axis], **_TARGET, label="target")
         axes.plot(log.time, factor * log.com[:, axis], color=color, label="centre of mass")
         axes.set_ylabel(f"{name}, {each}")
-        finish(log, axes, span=2e-3 * factor)
-    label_pushes(log, [first])
+        series.finish(log, axes, span=2e-3 * factor)
+    series.label_pushes(log, [first])
     first.set_title("Centre of mass and its target")
     legend_above(first)
     rows[2].set_xlabel("time, s")
@@ -246,11 +236,11 @@ def _joints(figure: Figure, log: RunLog) -> bool:
     angles = log.q[:, 7 if log.floating_base else 0 :]
     if angles.shape[1] != len(names):  # a joint may have more coordinates than degrees of freedom
         angles = np.full(log.tau.shape, np.nan)
-    columns = JointValues("Position", "rad", angles), JointValues("Velocity", "rad/s", log.joint_velocity)
-    grid = draw_joints(figure, names, log.time, *columns)
-    finish(log, *grid[:, 0], span=0.01)
-    finish(log, *grid[:, 1], span=0.02)
-    label_pushes(log, grid[0])
+    columns = series.JointValues("Position", "rad", angles), series.JointValues("Velocity", "rad/s", log.joint_velocity)
+    grid = series.draw_joints(figure, names, log.time, *columns)
+    series.finish(log, *grid[:, 0], span=0.01)
+    series.finish(log, *grid[:, 1], span=0.02)
+    series.label_pushes(log, grid[0])
     return True
 
 
@@ -258,12 +248,12 @@ def _forces(figure: Figure, log: RunLog) -> bool:
     """Draw each contact's normal force, planned and measured, and its tangential force over its friction limit."""
     if not len(log.contact_frames):
         return False
-    names, words = log.contact_frames.tolist(), friction_words(log)
+    names, words = log.contact_frames.tolist(), series.friction_words(log)
     planned = np.einsum("nki,nki->nk", log.contact_forces_desired, log.contact_normals)
     forces = log.normal_forces, log.tangential_forces, log.friction_limits
-    rows = draw_forces(figure, names, log.time, *forces, words, planned=planned)
-    finish(log, *rows.flat)
-    label_pushes(log, rows[0])
+    rows = series.draw_forces(figure, names, log.time, *forces, words, planned=planned)
+    series.finish(log, *rows.flat)
+    series.label_pushes(log, rows[0])
     return True
 
 
@@ -272,9 +262,9 @@ def _torques(figure: Figure, log: RunLog) -> bool:
     if not names:
         return False
     limit = log.effort_limit_over_time
-    grid = draw_joints(figure, names, log.time, JointValues("Torque", "N.m", log.tau, -limit, limit))
-    finish(log, *grid.flat)
-    label_pushes(log, grid[0])
+    grid = series.draw_joints(figure, names, log.time, series.JointValues("Torque", "N.m", log.tau, -limit, limit))
+    series.finish(log, *grid.flat)
+    series.label_pushes(log, grid[0])
     return True
 
 
@@ -320,13 +310,13 @@ def _estimate(figure: Figure, log: RunLog) -> bool:
         return False
     kinds = ("base position", "mm"), ("orientation", "deg"), ("velocity, base axes", "mm/s")
     headings = ((f"Error of the estimated {name}", unit) for name, unit in kinds)
-    position, attitude, velocity = rows = stacked(figure, (8.0, 6.2), *headings)
-    draw_xyz(position, log.time, 1e3 * (log.estimate_q[:, :3] - log.q[:, :3]))
+    position, attitude, velocity = rows = series.stacked(figure, (8.0, 6.2), *headings)
+    series.draw_xyz(position, log.time, 1e3 * (log.estimate_q[:, :3] - log.q[:, :3]))
     angles = tilt_and_yaw_deg(log.estimate_q[:, 3:7], log.q[:, 3:7])
-    draw_xyz(attitude, log.time, np.column_stack(angles), ("tilt", "yaw"))
-    draw_xyz(velocity, log.time, 1e3 * (log.estimate_v[:, :3] - log.v[:, :3]), lw=0.9)
-    finish(log, *rows)
-    label_pushes(log, [position])
+    series.draw_xyz(attitude, log.time, np.column_stack(angles), ("tilt", "yaw"))
+    series.draw_xyz(velocity, log.time, 1e3 * (log.estimate_v[:, :3] - log.v[:, :3]), lw=0.9)
+    series.finish(log, *rows)
+    series.label_pushes(log, [position])
     legend_above(position, attitude)
     return True
 

@@ -15,17 +15,9 @@ from lgmpc.runs.intervals import intervals
 from lgmpc.runs.log import MODES, tilt_deg
 from lgmpc.runs.walking import body_velocity
 from lgmpc.typing import Array
+from lgmpc.viz import overlay
 from lgmpc.viz.body import Body, load_body
 from lgmpc.viz.marks import COLORS, Scale
-from lgmpc.viz.overlay import (
-    SPEED_SHOWN_M_S,
-    Frames,
-    Pictures,
-    add_overlay,
-    add_trajectory_overlay,
-    path_names,
-    thrusters,
-)
 from lgmpc.viz.page import Readout, page_of, time_line
 from lgmpc.viz.scene import Scene
 from lgmpc.viz.series import friction_words
@@ -97,7 +89,7 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
     log = run.log
     if log.finite_ticks == 0:
         raise InputError("run", f"{run.path} with {log.ticks} ticks, none finite", "a run of at least one finite tick")
-    frames = Frames.of(log)
+    frames = overlay.Frames.of(log)
     body = load_body(robot)
     travel = log.base_pose[frames.ticks, :3]
     lowest, highest = _bounds(body, log.q[frames.ticks], travel, ground)
@@ -106,10 +98,10 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
     fog = add_stage(scene, lowest, highest, travel, ground)
     body.add_to(scene)
     body.animate(scene, frames.times, log.q[frames.ticks])
-    add_overlay(scene, log, frames, scale, ground, height, body.trunk_half_sides())
+    overlay.add_overlay(scene, log, frames, scale, ground, height, body.trunk_half_sides())
     impulses = np.array([push.impulse for push in push_intervals(log)]).reshape(-1, 3)
     notes = {"cones": f"µ = {friction_words(log)}", "com": "orange: target"}
-    notes["command"] = f"{100.0 * scale.length:.2g} cm = {SPEED_SHOWN_M_S:g} m/s"
+    notes["command"] = f"{100.0 * scale.length:.2g} cm = {overlay.SPEED_SHOWN_M_S:g} m/s"
     names = dict(enumerate(MODES))
     modes = [names.get(mode, "") for mode in log.mode[frames.ticks].tolist()]
     return {
@@ -139,7 +131,7 @@ def _bounds(body: Body, q: Array, base: Array, ground: World) -> tuple[Array, Ar
     return np.append(lowest[:2], min(lowest[2], low[2])), np.append(highest[:2], max(highest[2], high[2]))
 
 
-def _readouts(log: RunLog, frames: Frames) -> tuple[Readout, ...]:
+def _readouts(log: RunLog, frames: overlay.Frames) -> tuple[Readout, ...]:
     """Return the readouts: speed of a robot that walks or distance of one that stands, and tilt."""
     base = log.base_pose[frames.ticks]
     if log.commanded:
@@ -229,10 +221,10 @@ def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: World) -
     log = run.log
     if not log.finite:
         raise InputError("run", f"{run.path}, whose trajectory contains NaN or infinity", "a trajectory to show")
-    pictures = Pictures.of(robot, log)
+    pictures = overlay.Pictures.of(robot, log)
     body = load_body(robot)
     frame = _Framing.of(body, log, pictures)
-    carriers = max(len(log.contact_frames), len(thrusters(robot, log)))
+    carriers = max(len(log.contact_frames), len(overlay.thrusters(robot, log)))
     scale = Scale.of(max(frame.height, 0.4 * frame.size, 0.12 * frame.seen), _weight(robot), carriers)
     corners = frame.lowest + frame.lift, frame.highest + frame.lift
     fog = add_stage(scene, *corners, frame.travel + frame.lift, ground)
@@ -241,8 +233,8 @@ def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: World) -
     body.add_to(scene)
     body.animate(scene, pictures.times, pictures.q)
     size = max(0.15 * frame.size, 0.05 * frame.seen)
-    add_trajectory_overlay(scene, robot, log, pictures, scale, size, ground)
-    path = ", ".join(path_names(robot, log)) or "centre of mass"
+    overlay.add_trajectory_overlay(scene, robot, log, pictures, scale, size, ground)
+    path = ", ".join(overlay.path_names(robot, log)) or "centre of mass"
     return {
         "fog": [FLOOR_COLOR, *fog],
         "camera": frame_camera(*corners, frame.travel, np.zeros((0, 3)), ground),
@@ -282,7 +274,7 @@ class _Framing:
         return float(np.linalg.norm(self.highest - self.lowest))
 
     @classmethod
-    def of(cls, body: Body, log: TrajectoryLog, pictures: Pictures) -> _Framing:
+    def of(cls, body: Body, log: TrajectoryLog, pictures: overlay.Pictures) -> _Framing:
         """Return the framing of the whole motion or, if it is long, of the moving robot."""
         chosen = np.unique(np.linspace(0, len(pictures.q) - 1, 24).astype(int))
         corners = np.array([body.bounds(q) for q in pictures.q[chosen]])
@@ -308,7 +300,7 @@ class _Framing:
         return cls(low, high, still, lift, size, height)
 
 
-def _solved_readouts(log: TrajectoryLog, pictures: Pictures) -> tuple[Readout, ...]:
+def _solved_readouts(log: TrajectoryLog, pictures: overlay.Pictures) -> tuple[Readout, ...]:
     """Return the readouts: load of the actuators, and tilt or the fastest joint."""
     found = []
     limit = np.where(log.us > 0.0, log.control_upper, log.control_lower)

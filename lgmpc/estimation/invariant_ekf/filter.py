@@ -13,15 +13,8 @@ from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.estimation.checks import duration_of, index_of, instance, number, read_only, three, whole, write
 from lgmpc.estimation.inertial import ImuNoise
+from lgmpc.estimation.invariant_ekf import programme
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
-from lgmpc.estimation.invariant_ekf.programme import (
-    augmentation,
-    correction,
-    height_correction,
-    pose_correction,
-    prediction,
-    velocity_correction,
-)
 from lgmpc.lie import checks
 from lgmpc.typing import GRAVITY, Array
 
@@ -117,7 +110,7 @@ class InvariantEkf:
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}
         self._after = {"pose_next": _column_major(following[0]), "covariance_next": following[2].ravel()}
-        self._predict = StageKernel.of(prediction, form, contacts).bind(
+        self._predict = StageKernel.of(programme.prediction, form, contacts).bind(
             1,
             **self._before,
             **self._after,
@@ -126,7 +119,7 @@ class InvariantEkf:
             contact=self._flags,
             parameters=self._parameters,
         )
-        self._correct = StageKernel.of(correction, form, contacts).bind(
+        self._correct = StageKernel.of(programme.correction, form, contacts).bind(
             1,
             **self._before,
             **self._after,
@@ -138,7 +131,7 @@ class InvariantEkf:
             gate=self._gate,
             squares=self._squares,
         )
-        self._augment = StageKernel.of(augmentation, form, contacts).bind(
+        self._augment = StageKernel.of(programme.augmentation, form, contacts).bind(
             1,
             pose=self._before["pose"],
             covariance=self._before["covariance"],
@@ -361,16 +354,16 @@ class InvariantEkf:
 
     @functools.cached_property
     def _pose_correction(self) -> Callable[[], int]:
-        return self._bind_correction(pose_correction, {"given": self._given[:15], "square": self._square})
+        return self._bind_correction(programme.pose_correction, {"given": self._given[:15], "square": self._square})
 
     @functools.cached_property
     def _velocity_correction(self) -> Callable[[], int]:
-        return self._bind_correction(velocity_correction, {"given": self._given[:5], "square": self._square})
+        return self._bind_correction(programme.velocity_correction, {"given": self._given[:5], "square": self._square})
 
     @functools.cached_property
     def _height_correction(self) -> Callable[[], int]:
         inputs = {"selected": self._selected, "up": self._up, "height": self._height}
-        return self._bind_correction(height_correction, inputs)
+        return self._bind_correction(programme.height_correction, inputs)
 
     def _bind_correction(
         self, function: Callable[[ErrorForm, int], ca.Function], memory: dict[str, Array]

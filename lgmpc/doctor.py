@@ -28,10 +28,6 @@ if TYPE_CHECKING:
     from lgmpc.robot import Robot
 
 
-_OLDEST_PYTHON = (3, 10)
-_REINSTALL = "pip install --force-reinstall lgmpc"
-
-
 @dataclass(frozen=True)
 class Check:
     """The result of one check.
@@ -51,7 +47,7 @@ class Check:
 
 def iterate_checks() -> Iterator[Check]:
     """Yield the results one by one, each check executed when the iterator reaches it; a few seconds in all."""
-    yield _guarded("python", _check_python)
+    yield Check("python", True, f"{platform.python_implementation()} {platform.python_version()}, {sys.prefix}")
     yield from _check_dependencies()
     yield _guarded("compiler", _check_compiler, "apt install gcc, or without root: pip install ziglang")
     yield _guarded("compiled code", _check_compiled_code, "apt install gcc libc6-dev, or LGMPC_JIT=0 to interpret")
@@ -62,31 +58,27 @@ def iterate_checks() -> Iterator[Check]:
     for name in ("ipopt", "fatrop"):
         yield _guarded(f"NLP by {name}", partial(_check_plugin, name), "pip install --force-reinstall casadi")
     yield _guarded("mujoco plant", _check_mujoco, "pip install -U mujoco")
-    yield _guarded("chromium", _check_chromium)
-    yield _guarded("threads", _check_threads)
+    chromium, setting = find_chromium(), os.environ.get("OMP_NUM_THREADS", "not set")
+    advice = "" if chromium else "only pictures of replays need one: apt install chromium"
+    yield Check("chromium", True, str(chromium or "none found"), advice)
+    advice = "" if setting == "1" else "export OMP_NUM_THREADS=1: small matrices are slower otherwise"
+    yield Check("threads", True, f"OMP_NUM_THREADS: {setting}, {os.cpu_count() or 1} cores", advice)
 
 
 class _Broken(Exception):
     """The finding of a check that failed."""
 
 
-def _guarded(name: str, check: Callable[[], tuple[str, str]], remedy: str = _REINSTALL) -> Check:
-    """Return the result of a check, which returns a finding and perhaps advice; an exception is a failure."""
+def _guarded(name: str, check: Callable[[], str], remedy: str) -> Check:
+    """Return the result of a check, which returns a finding; an exception is a failure."""
     try:
-        return Check(name, True, *check())
+        return Check(name, True, check())
     except InputError as error:
         return Check(name, False, f"{error.argument}: got {error.got}", f"expected {error.expected}")
     except (CompileError, _Broken) as error:
         return Check(name, False, str(error), remedy)
     except Exception as error:  # noqa: BLE001 (any exception of a broken installation is a finding)
         return Check(name, False, f"{type(error).__name__}: {error}", remedy)
-
-
-def _check_python() -> tuple[str, str]:
-    detail = f"{platform.python_implementation()} {platform.python_version()} on {platform.platform()}, {sys.prefix}"
-    if sys.version_info < _OLDEST_PYTHON:
-        raise _Broken(f"{detail}: older than {'.'.join(map(str, _OLDEST_PYTHON))}")
-    return detail, ""
 
 
 def _check_dependencies() -> Iterator[Check]:
@@ -114,18 +106,18 @@ def _check_version(package: str, tested: Any, install: str) -> Check:
     return Check(package, ok, f"{version} (tested with {ordered})", "" if ok else install)
 
 
-def _check_compiler() -> tuple[str, str]:
+def _check_compiler() -> str:
     from lgmpc.compile import find_compiler, jit_enabled
 
     if not jit_enabled():
-        return "not used: LGMPC_JIT=0", "unset LGMPC_JIT: compiled functions are about 20 times faster"
+        return "not used: LGMPC_JIT=0 (compiled functions are about 20 times faster)"
     compiler = find_compiler()
     if compiler is None:
         raise _Broken("none found: every function is interpreted, about 20 times slower, too slow for real time")
-    return f"{compiler.name}: {' '.join((*compiler.command, *compiler.flags))}", ""
+    return f"{compiler.name}: {' '.join((*compiler.command, *compiler.flags))}"
 
 
-def _check_compiled_code() -> tuple[str, str]:
+def _check_compiled_code() -> str:
     """Compile a function anew, on the cache's volume (which may forbid execution), and compare with the interpreter."""
     import casadi
 
@@ -135,71 +127,57 @@ def _check_compiled_code() -> tuple[str, str]:
 
     compiler = find_compiler() if jit_enabled() else None
     if compiler is None:
-        return "not tried: no compiler is used", ""
+        return "not tried: no compiler is used"
     x = casadi.SX.sym("x", 3)
-    values = [casadi.sin(x) * casadi.sqrt(casadi.sumsqr(x)), casadi.cross(x, x + 1)]
-    function = casadi.Function("self_test", [x], values)
+    function = casadi.Function("self_test", [x], [casadi.sin(x) * casadi.sqrt(casadi.sumsqr(x))])
     with tempfile.TemporaryDirectory(prefix=".build-", dir=cache_folder()) as folder:
         source, library = Path(folder) / "self_test.c", Path(folder) / "self_test.so"
         source.write_text(*generate_simd(function, lanes=False))
         compiler.build([source], library, function.name())
-        point, *results = np.array([0.3, -1.2, 2.1]), np.zeros(3), np.zeros(3)
-        loaded = ctypes.CDLL(str(library))
-        bind_library(loaded, function.name(), (point, *results), stages=1, steps=(0, 0, 0))()
-    pairs = zip(results, function(point), strict=True)
-    difference = max(float(np.max(np.abs(got - np.asarray(expected).ravel()))) for got, expected in pairs)
+        point, result = np.array([0.3, -1.2, 2.1]), np.zeros(3)
+        bind_library(ctypes.CDLL(str(library)), function.name(), (point, result), stages=1, steps=(0, 0))()
+    difference = float(np.abs(result - function(point).full()[:, 0]).max())
     detail = f"{difference:.0e} from the interpreter's values"
     if not difference < 1e-12:
         raise _Broken(f"{detail}: LGMPC_CFLAGS is set, or the compiler is at fault")
-    return detail, ""
+    return detail
 
 
-def _check_cache() -> tuple[str, str]:
+def _check_cache() -> str:
     from lgmpc.compile import cache_folder, inspect_cache
 
     report = inspect_cache(cache_folder())
-    count = f"{report.entries} librar{'y' if report.entries == 1 else 'ies'}"
-    detail = f"{report.folder}: {count}, {report.size_bytes / 1e6:.1f} MB"
-    if report.damaged:
-        return f"{detail}, {len(report.damaged)} damaged", "none needed: they are built again"
-    return detail, ""
+    detail = f"{report.folder}: {report.entries} compiled, {report.size_bytes / 1e6:.1f} MB"
+    return f"{detail}, {len(report.damaged)} damaged, which are built again" if report.damaged else detail
+
+
+def _check_robot() -> str:
+    robot = _load_solo12()
+    return f"{robot.name}: {robot.nu} actuated joints, {robot.mass:.2f} kg"
 
 
 def _load_solo12() -> Robot:
     from lgmpc.robot import RobotSpec, load_robot
 
-    return load_robot(
-        RobotSpec(
-            model="solo12",
-            contact_frames=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"),
-            contact_radius_m=0.016,
-            effort_limit_nm=1.8,
-            velocity_limit_rad_s=30.0,
-            position_limit_rad=(-3.0, 3.0),
-            armature_kg_m2=3.6e-4,
-        )
-    )
+    limits: dict[str, Any] = {"effort_limit_nm": 1.8, "velocity_limit_rad_s": 30.0, "position_limit_rad": (-3.0, 3.0)}
+    feet = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+    return load_robot(RobotSpec(model="solo12", contact_frames=feet, contact_radius_m=0.016, **limits))
 
 
-def _check_robot() -> tuple[str, str]:
-    robot = _load_solo12()
-    return f"{robot.name}: {robot.nu} actuated joints, {robot.mass:.2f} kg", ""
+def _check_import(module: str) -> str:
+    return f"{importlib.import_module(module).__name__} imports"
 
 
-def _check_import(module: str) -> tuple[str, str]:
-    return f"{importlib.import_module(module).__name__} imports", ""
-
-
-def _check_plugin(name: str) -> tuple[str, str]:
+def _check_plugin(name: str) -> str:
     import casadi
 
     version = metadata.version("casadi")
     if not casadi.has_nlpsol(name):
         raise _Broken(f"casadi {version} cannot load its plugin {name}")
-    return f"plugin of casadi {version}", ""
+    return f"plugin of casadi {version}"
 
 
-def _check_mujoco() -> tuple[str, str]:
+def _check_mujoco() -> str:
     from lgmpc.simulation.mujoco import MujocoPlant
 
     robot, steps = _load_solo12(), 100
@@ -209,16 +187,4 @@ def _check_mujoco() -> tuple[str, str]:
         plant.step(np.zeros(robot.nu))
     if not np.all(np.isfinite(plant.sense().q)):
         raise _Broken("the robot's state is not finite")
-    return f"{steps} steps of {robot.name}", ""
-
-
-def _check_chromium() -> tuple[str, str]:
-    found = find_chromium()
-    return (str(found), "") if found else ("none found", "only pictures of replays need one: apt install chromium")
-
-
-def _check_threads() -> tuple[str, str]:
-    setting, cores = os.environ.get("OMP_NUM_THREADS"), os.cpu_count() or 1
-    found = "OMP_NUM_THREADS is not set" if setting is None else f"OMP_NUM_THREADS={setting}"
-    advice = "" if setting == "1" else "export OMP_NUM_THREADS=1: small matrices are slower otherwise"
-    return f"{found}, {cores} cores", advice
+    return f"{steps} steps of {robot.name}"

@@ -280,8 +280,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         posture = state.q[robot.joint_q] - robot.q_reference[robot.joint_q]
         parts = (self._goal, [height], up, state.v[:6], posture, state.v[robot.joint_v])
         numbers = np.concatenate([*parts, feet.stance, np.sin(phase), np.cos(phase), outside, self._action])
-        clipped: Array = np.clip(np.nan_to_num(numbers), -_LARGEST, _LARGEST)
-        return clipped
+        return np.clip(np.nan_to_num(numbers), -_LARGEST, _LARGEST)
 
 
 _ENVIRONMENTS: dict[str, dict[str, Any]] = {

@@ -67,7 +67,7 @@ def test_damaged_library_is_counted(tmp_path: Path) -> None:
     (tmp_path / "cache").mkdir(mode=0o700)
     (tmp_path / "cache" / "f-key-0123456789abcdef.so").write_bytes(b"torn")
     check = check_of("cache")
-    assert check.ok and "1 library" in check.detail and "1 damaged" in check.detail
+    assert check.ok and "1 compiled" in check.detail and "1 damaged" in check.detail
 
 
 def test_requested_interpretation_is_reported_and_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,9 +81,8 @@ def test_threads_are_advice_only(setting: str | None, advice: bool, monkeypatch:
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     if setting is not None:
         monkeypatch.setenv("OMP_NUM_THREADS", setting)
-    from lgmpc.doctor import _check_threads
-
-    assert bool(_check_threads()[1]) == advice
+    check = check_of("threads")
+    assert check.ok and bool(check.remedy) == advice
 
 
 def test_packages_that_do_not_import_fail_their_own_checks_only(tmp_path: Path) -> None:

@@ -51,8 +51,7 @@ class StageKernel:
     @classmethod
     def of(cls: type[K], write: Callable[..., casadi.Function | Pipeline], *arguments: Any) -> K:
         """Return the kernel of ``write(*arguments)``, from the cache if it was written before; see :func:`cached`."""
-        kernel: K = cached(_write, cls, write, *arguments)
-        return kernel
+        return cached(_write, cls, write, *arguments)
 
     def bind(self, stages: int, **memory: Array) -> Callable[[], int]:
         """Return the call that evaluates all stages on this memory; it returns 0 and allocates nothing.

@@ -163,8 +163,7 @@ def parse_scalar(text: str, key: str, name: str) -> Any:
 
 def write_yaml(data: Any) -> str:
     """Return ``data`` (tables, lists, numbers, text) as YAML that :func:`parse_yaml` reads back unchanged."""
-    text: str = yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    return text
+    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
 
 
 def _collect_places(node: yaml.Node, name: str, path: str, places: dict[str, str], around: tuple[int, ...]) -> None:

@@ -94,8 +94,7 @@ class Command(NamedTuple):
         none = zeros(nu)
         if self.kp is none and self.kd is none:  # faster than a comparison of all elements
             return self.tau
-        torque: Array = self.tau + self.kp * (self.q_des - q[-nu:]) + self.kd * (self.v_des - v[-nu:])
-        return torque
+        return self.tau + self.kp * (self.q_des - q[-nu:]) + self.kd * (self.v_des - v[-nu:])
 
     @property
     def fault(self) -> str:

@@ -87,8 +87,7 @@ class LegRetraction:
         position, velocity = self.target(t)
         faded = max(1.0 - (t - float(self._times[0])) / self._settings.load_s, 0.0)
         torque = faded * self._torque + self._kp * (position - joints) + self._kd * (velocity - rates)
-        bounded: Array = np.clip(torque, -self._limit, self._limit)
-        return bounded
+        return np.clip(torque, -self._limit, self._limit)
 
     def target(self, t: float) -> tuple[Array, Array]:
         """Return the desired joint positions and rates (nu,) at time ``t``, s: least-jerk paths from knot to knot."""

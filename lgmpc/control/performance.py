@@ -104,8 +104,7 @@ class Performance:
     @property
     def com(self) -> Array:
         """(3,) planned centre of mass of this tick, where the robot is, m."""
-        com: Array = self.plan.com[self._row] + self._shift
-        return com
+        return self.plan.com[self._row] + self._shift
 
     @property
     def base(self) -> Array:

@@ -71,8 +71,7 @@ class Parameter:
         """Return the values (size,), or a number, of a value in one of :attr:`shapes`."""
         if self.part == 1 or values.shape != (self.part,):
             return values
-        repeated: Array = np.tile(values, self.size // self.part)
-        return repeated
+        return np.tile(values, self.size // self.part)
 
 
 class ParameterLayout(Mapping[str, slice]):
@@ -161,5 +160,4 @@ class ParameterLayout(Mapping[str, slice]):
     def view(self, p: Array, name: str) -> Array:
         """Return a writable view (..., size) of one parameter in an array (..., np) of parameter vectors."""
         instance("p", p, np.ndarray, "an array (..., np)")
-        view: Array = p[..., self[name]]
-        return view
+        return p[..., self[name]]

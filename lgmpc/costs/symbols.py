@@ -69,8 +69,7 @@ class StageSymbols:
     @property
     def forces(self) -> Mapping[int | str, Any]:
         """Contact forces (3,) or wrenches (6,) by frame name, world axes at the frame's origin, on the robot."""
-        found: Mapping[int | str, Any] = self._have("forces", self._forces)
-        return found
+        return self._have("forces", self._forces)
 
     def force(self, frame: str) -> Any:
         """Return the contact force (3,) or wrench (6,) at a frame.

@@ -89,8 +89,7 @@ def _crossings(inertia: Array, motion: Motion) -> Array:
     """Return the times at which the angular velocity about the stem changes sign, interpolated by cubics."""
     w = motion.velocities
     rates = np.linalg.solve(inertia, np.cross(w @ inertia, w).T).T
-    times: Array = CubicHermiteSpline(motion.times, w[:, 0], rates[:, 0]).roots(extrapolate=False)
-    return times
+    return CubicHermiteSpline(motion.times, w[:, 0], rates[:, 0]).roots(extrapolate=False)
 
 
 def _growth(inertia: Array) -> float:

@@ -87,8 +87,7 @@ def _simulate(rotation: Array, velocity: Array, end: float, step: float = _STEP)
 
 def _tilts(motion: Motion) -> Array:
     """Return the angles of the axis from the vertical, accurate near it too."""
-    tilts: Array = np.arctan2(np.linalg.norm(motion.advected[:, :2], axis=1), motion.advected[:, 2])
-    return tilts
+    return np.arctan2(np.linalg.norm(motion.advected[:, :2], axis=1), motion.advected[:, 2])
 
 
 def _precession(rate: float) -> float:

@@ -146,8 +146,7 @@ def _log_linear() -> float:
 
 
 def _times() -> Array:
-    times: Array = np.linspace(0.0, DURATION, round(DURATION / _walk(0).period) + 1)
-    return times
+    return np.linspace(0.0, DURATION, round(DURATION / _walk(0).period) + 1)
 
 
 def _panels(right: list[_Run], quaternion: list[_Run]) -> tuple[Panel, ...]:

@@ -139,8 +139,7 @@ def _torpedo(rows: list[Row]) -> tuple[Motion, float, Motion]:
 
 
 def _roll(placements: Array) -> Array:
-    angles: Array = np.arctan2(placements[:, 2, 1], placements[:, 1, 1])
-    return angles
+    return np.arctan2(placements[:, 2, 1], placements[:, 1, 1])
 
 
 def _scene(rise: Motion, torpedo: Array, times: Array) -> tuple[Body, ...]:

@@ -162,14 +162,12 @@ def _body_rates(period: float, n: int) -> Array:
     gained = np.diff(planned[:, :3, 3], axis=0) - period * DOWN
     in_body = np.einsum("nji,nj->ni", planned[:-1, :3, :3], gained)
     force = np.einsum("nij,nj->ni", so3.left_jacobian_inverse(turns), in_body)
-    rates: Array = np.concatenate([turns, force], axis=1) / period
-    return rates
+    return np.concatenate([turns, force], axis=1) / period
 
 
 def _standing(period: float, n: int) -> BoolArray:
     times = period * np.arange(n + 1)
-    standing: BoolArray = (times[:, None] / _PERIOD + _PHASES) % 1.0 < _DUTY
-    return standing
+    return (times[:, None] / _PERIOD + _PHASES) % 1.0 < _DUTY
 
 
 def _contact_points(poses: Array, touching: BoolArray, slips: Array) -> Array:

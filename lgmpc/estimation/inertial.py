@@ -139,8 +139,7 @@ def propagate(pose: Array, increment: Array, gravity: Array, duration: float) ->
         raise InputError("increment", f"shape {increment.shape}", f"shape (5, 5) or {pose.shape}")
     upsilon = np.eye(len(pose))
     upsilon[: len(increment), : len(increment)] = increment
-    moved: Array = gravity_increment(gravity, duration, len(pose) - 3) @ free_flow(pose, duration) @ upsilon
-    return moved
+    return gravity_increment(gravity, duration, len(pose) - 3) @ free_flow(pose, duration) @ upsilon
 
 
 def error_dynamics(gravity: Array, columns: int = 2) -> Array:

@@ -183,8 +183,7 @@ def _legs(robot: Robot) -> BoolArray:
             if joint > 1:
                 legs[foot, model.joints[joint].idx_v - 6] = True
     legs[:, legs.sum(axis=0) > 1] = False
-    carried: BoolArray = legs[robot.foot_points.of]
-    return carried
+    return legs[robot.foot_points.of]
 
 
 def _free_torques(robot: Robot) -> ca.Function:

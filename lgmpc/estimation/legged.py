@@ -403,8 +403,7 @@ class LeggedEstimator:
         # Of the right-invariant error this is the velocity's covariance without the attitude's, which is small.
         np.add(self.ekf.covariance[3:6, 3:6], self._resting, out=self._base_covariance)
         self._normalise()
-        slow: BoolArray = self._squares[:, 0] <= self._gate
-        return slow
+        return self._squares[:, 0] <= self._gate
 
     def _level(self, accelerometer: Array) -> None:
         """Start at the start pose, rotated by the smallest rotation for which the specific force at rest points up."""

@@ -19,8 +19,7 @@ Entries = Sequence[Any]
 def parts(array: Array) -> Entries:
     """Split the last axis: floats of a single vector, arrays of a batch."""
     if array.ndim == 1:
-        entries: list[float] = array.tolist()
-        return entries
+        return array.tolist()
     return [array[..., i] for i in range(array.shape[-1])]
 
 

@@ -41,8 +41,7 @@ def compose(first: Array, second: Array) -> Array:
 @checked(checks.quaternion)
 def inverse(q: Array) -> Array:
     """Return the conjugate, the inverse of a unit quaternion."""
-    conjugate: Array = q * _CONJUGATE
-    return conjugate
+    return q * _CONJUGATE
 
 
 @checked(checks.quaternion, checks.tangent(3))

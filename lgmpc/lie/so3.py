@@ -68,8 +68,7 @@ def log(rotation: Array) -> Array:
 @checked(checks.rotation, checks.rotation)
 def compose(first: Array, second: Array) -> Array:
     """Return ``first second``."""
-    product: Array = first @ second
-    return product
+    return first @ second
 
 
 @checked(checks.rotation)
@@ -81,8 +80,7 @@ def inverse(rotation: Array) -> Array:
 @checked(checks.rotation, checks.tangent(3))
 def act(rotation: Array, point: Array) -> Array:
     """Return the rotated 3-vectors (..., 3)."""
-    moved: Array = (rotation @ point[..., None])[..., 0]
-    return moved
+    return (rotation @ point[..., None])[..., 0]
 
 
 @checked(checks.rotation)
@@ -132,8 +130,7 @@ def project(approximate: Array) -> Array:
     if np.any(determinant <= 0.0):
         raise InputError("approximate", f"determinant {np.min(determinant):.3g}", "a positive determinant")
     left, _, right = np.linalg.svd(array)
-    product: Array = left @ right
-    return product
+    return left @ right
 
 
 def _polynomial(phi: Array, coefficients: Callable[[Any], tuple[Any, Any]]) -> Array:

@@ -94,8 +94,7 @@ def _nice(value: float) -> float:
 def field_of(config: Config, key: str) -> FieldInfo:
     """Return the field of a dotted key."""
     section, _, name = key.rpartition(".")
-    found: FieldInfo = type(config.value(section)).model_fields[name]
-    return found
+    return type(config.value(section)).model_fields[name]
 
 
 def bounds_of(field: FieldInfo) -> tuple[float | None, float | None]:

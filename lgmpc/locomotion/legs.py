@@ -59,8 +59,7 @@ class LegGeometry:
         """
         x, y, _ = self.feet.mean(axis=0).tolist()
         c, s = math.cos(yaw), math.sin(yaw)
-        above: Array = points.mean(axis=0) + [s * y - c * x, -s * x - c * y, self.height]
-        return above
+        return points.mean(axis=0) + [s * y - c * x, -s * x - c * y, self.height]
 
     @classmethod
     def of(cls, robot: Robot) -> LegGeometry:
@@ -158,8 +157,7 @@ def leg_momentum(
     moving[..., 2] = 0.0
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, yaw)
     relative = (moving - com_velocity[:, None]) @ turn
-    momentum: Array = np.einsum("fij,kfj->ki", inertias, relative) @ turn.T
-    return momentum
+    return np.einsum("fij,kfj->ki", inertias, relative) @ turn.T
 
 
 def _longest(robot: Robot, hip: int, joints: list[int], ankle: int | None, frame: int) -> float:
@@ -173,8 +171,7 @@ def _longest(robot: Robot, hip: int, joints: list[int], ankle: int | None, frame
     def way() -> Array:
         pin.framesForwardKinematics(model, data, q)
         end = data.oMf[frame] if ankle is None else data.oMi[ankle]
-        between: Array = end.translation - data.oMi[hip].translation
-        return between
+        return end.translation - data.oMi[hip].translation
 
     def squared(at: int, angle: float) -> float:
         q[at] = angle

@@ -123,8 +123,7 @@ def even(height: Callable[[Array], Array], points: Array, radius: float, toleran
     with np.errstate(invalid="ignore"):
         flat = np.abs(0.5 * (ahead + behind) - here) < tolerance
         gentle = np.abs(ahead - behind) < 2.0 * _STEEPEST * np.linalg.norm(around, axis=1)
-    result: BoolArray = (flat & gentle).all(axis=1)
-    return result
+    return (flat & gentle).all(axis=1)
 
 
 class GridMap:
@@ -198,8 +197,7 @@ class GridMap:
         i, j = np.round(points.T / self.cell).astype(np.int64) - self._corner[:, None]
         count = len(self.heights)
         inside = (i >= 0) & (i < count) & (j >= 0) & (j < count)
-        found: BoolArray = inside & self._steppable[reach].reshape(-1)[np.where(inside, count * i + j, 0)]
-        return found
+        return inside & self._steppable[reach].reshape(-1)[np.where(inside, count * i + j, 0)]
 
     def _even(self, reach: int) -> BoolArray:
         """Return (n, n) which points are the middles of planes with a radius of so many cells."""

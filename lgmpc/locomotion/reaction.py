@@ -112,8 +112,7 @@ class StepReaction:
 
     def capture_point(self, com: Array, velocity: Array) -> Array:
         """Return (2,) the capture point of centre of mass (3,) and velocity (3,), world, m."""
-        point: Array = com[:2] + self._time_constant * velocity[:2]
-        return point
+        return com[:2] + self._time_constant * velocity[:2]
 
     def needed(self, com: Array, velocity: Array, points: Array) -> bool:
         """Return whether a centre of mass (3,) with velocity (3,) leaves the support of contact points (nc, 3)."""

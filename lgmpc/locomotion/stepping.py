@@ -195,8 +195,7 @@ class MappedBelief(TerrainBelief):
             )
             self._chosen[foot] = kept = _Choice(time, list(nominal), places[0], normals[0])
             self._targets[foot] = kept.normal
-        foothold: list[float] = kept.place.tolist()
-        return foothold
+        return kept.place.tolist()
 
     def spread(
         self, planner: FootholdPlanner, motion: BaseMotion, dt: float, stance_s: float, now: Array, points: Array,
@@ -356,8 +355,7 @@ class MappedBelief(TerrainBelief):
         places = way[:, None] + np.concatenate([around, shank])
         heights = self.height(places.reshape(-1, 2)).reshape(len(_WAY), -1)
         heights[:, 5:] -= _SHANK * knee[2] - r
-        top: Array = heights.max(axis=1)
-        return top
+        return heights.max(axis=1)
 
     def holds(self, point: Sequence[float], moving: Sequence[float]) -> bool:
         """Return whether the ground ahead of a foot at (3,) may hold it back: it is higher, or not known.

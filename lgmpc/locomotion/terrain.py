@@ -122,8 +122,7 @@ class TerrainBelief:
         deviations = points[:, 2] - mz - gx * (points[:, 0] - mx) - gy * (points[:, 1] - my)
         if np.abs(deviations).max() < unevenness:
             return np.ones(len(points), dtype=np.bool_)
-        level: BoolArray = points[:, 2] - points[:, 2].min() < unevenness
-        return level
+        return points[:, 2] - points[:, 2].min() < unevenness
 
     def _fit(self, share: float) -> None:
         """Move the slope towards that of the plane that fits the footholds best: by ``share``, less if uneven."""

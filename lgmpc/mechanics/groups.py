@@ -112,5 +112,4 @@ def body_momentum(group: LieGroup, pose: Array, spatial: Array) -> Array:
 
 
 def _transposed(matrix: Array, covector: Array) -> Array:
-    product: Array = np.einsum("...ji,...j->...i", matrix, covector)
-    return product
+    return np.einsum("...ji,...j->...i", matrix, covector)

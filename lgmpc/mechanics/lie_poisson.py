@@ -65,8 +65,7 @@ class LiePoisson:
             InputError: ``mu`` of another shape or not finite.
         """
         here = self.group.check_tangent("mu", mu)
-        tensor: Array = (self.group.numeric.coadjoint(np.eye(self.group.dim)) @ here).T
-        return tensor
+        return (self.group.numeric.coadjoint(np.eye(self.group.dim)) @ here).T
 
     def orbit_dimension(self, mu: Array, tolerance: float = 1e-9) -> int:
         """Return the dimension of the symplectic leaf through ``mu``, the rank of the Poisson tensor (chapter 4.10.5).

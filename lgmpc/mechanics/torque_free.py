@@ -91,8 +91,7 @@ class EulerTop:
         solution, interval = self._solution, self.flip_interval
         phase = solution.phase / solution.rate
         first, last = math.ceil(phase / interval), math.floor((phase + end) / interval)
-        times: Array = np.arange(first, last + 1, dtype=np.float64) * interval - phase
-        return times
+        return np.arange(first, last + 1, dtype=np.float64) * interval - phase
 
     def velocities(self, times: Array) -> Array:
         """Return (n, 3) body angular velocities at some times, rad/s."""
@@ -178,8 +177,7 @@ class Poinsot:
     @property
     def normal(self) -> Array:
         """(3,) unit normal of the invariable plane, from the centre to the plane, in the world."""
-        normal: Array = self.top.rotation @ self.top.inertia @ self.top.velocity / self.top.momentum
-        return normal
+        return self.top.rotation @ self.top.inertia @ self.top.velocity / self.top.momentum
 
     @property
     def distance(self) -> float:

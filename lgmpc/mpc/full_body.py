@@ -310,8 +310,7 @@ def holding_efforts(model: pin.Model, contacts: tuple[str, ...], q: Array) -> Ar
     rows = [pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3] for frame in frames]
     jacobian = np.vstack(rows)
     forces = np.linalg.lstsq(jacobian[:, :6].T, load[:6])[0]
-    efforts: Array = (load - jacobian.T @ forces)[6:]
-    return efforts
+    return (load - jacobian.T @ forces)[6:]
 
 
 def _read_out(action: MultibodyAction) -> ca.Function:

@@ -48,8 +48,7 @@ class MeasuredState:
 
     def angular_momentum(self, angular_velocity: Array) -> Array:
         """Return (n, 3) angular momentum with locked joints at ``angular_velocity`` (n, 3), world axes, N.m.s."""
-        turning: Array = angular_velocity @ (self.inertia @ self.rotation.T).T
-        return turning
+        return angular_velocity @ (self.inertia @ self.rotation.T).T
 
 
 class Mpc(Protocol):

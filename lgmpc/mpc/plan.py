@@ -129,8 +129,7 @@ class Plan:
     @property
     def first_forces(self) -> Array:
         """(nc, 3) forces of the first interval, N."""
-        first: Array = self.forces[0]
-        return first
+        return self.forces[0]
 
     @property
     def end(self) -> float:

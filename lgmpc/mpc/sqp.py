@@ -204,8 +204,7 @@ def checked_mass(mass: float) -> float:
 def weight_shares(flags: Array, weight: Array) -> Array:
     """Return (N, nc, 3) forces that hold the weight (3,), an even share for each foot whose flag (N, nc) is 1."""
     share = weight / np.maximum(np.add.reduce(flags, axis=1), 1.0)[:, None]
-    shares: Array = flags[:, :, None] * share[:, None, :]
-    return shares
+    return flags[:, :, None] * share[:, None, :]
 
 
 def write_intervals(target: Array, values: Array | BoolArray) -> None:

@@ -106,5 +106,4 @@ class FreeDurations:
 
     def durations(self, trajectory: Trajectory) -> Array:
         """Return the length (N,) of each interval of the old problem in a trajectory of the new, s."""
-        stretched: Array = self.nominal * trajectory.xs[self._places, -1]
-        return stretched
+        return self.nominal * trajectory.xs[self._places, -1]

@@ -97,8 +97,7 @@ _TERMINAL = ("Q", "q", "cost")
 
 def symbols_of(function: ca.Function) -> list[Any]:
     """Return symbols for the inputs of an action's function: of scalars, or of matrices if it calls Python."""
-    symbols: list[Any] = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
-    return symbols
+    return function.sx_in() if function.is_a("SXFunction") else function.mx_in()
 
 
 def like(function: ca.Function, symbol: Any) -> Any:

@@ -49,8 +49,7 @@ def complementarity(multipliers: Array, rows: Array | float, lower: Array, upper
     """
     above = np.minimum(np.maximum(multipliers, 0.0), np.abs(upper - rows))
     below = np.minimum(np.maximum(-multipliers, 0.0), np.abs(rows - lower))
-    residual: Array = above + below  # one of them is zero
-    return residual
+    return above + below  # one of them is zero
 
 
 def kkt_residual(
@@ -95,14 +94,12 @@ def kkt_residual(
 
 def _pulled(vectors: Array, matrices: Array) -> Array:
     """Return (N, n) each stage's ``M^T v``."""
-    out: Array = (vectors[:, None] @ matrices)[:, 0]
-    return out
+    return (vectors[:, None] @ matrices)[:, 0]
 
 
 def _applied(matrices: Array, vectors: Array) -> Array:
     """Return (N, m) each stage's ``M v``."""
-    out: Array = (matrices @ vectors[..., None])[..., 0]
-    return out
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def _largest(values: Array) -> float:

@@ -157,8 +157,7 @@ def _stage(action: Action, node: int, x: Array, u: Array, p: Array, h: float) ->
 
     def outcome(dx: Array, du: Array) -> Array:
         v = action.evaluate(state.integrate(x, dx), u + du, p)
-        ends: Array = np.r_[state.diff(here.x_next, v.x_next), v.cost, v.constraint]
-        return ends
+        return np.r_[state.diff(here.x_next, v.x_next), v.cost, v.constraint]
 
     zero_x, zero_u, n = np.zeros(state.ndx), np.zeros(action.nu), state.ndx
     by_x = _differences(lambda d: outcome(d, zero_u), n, h)
@@ -182,8 +181,7 @@ def _end(action: Action, node: int, x: Array, p: Array, h: float) -> list[Deriva
     gradient = action.terminal_quadratic_function(x, p)[1].full().T
 
     def outcome(dx: Array) -> Array:
-        cost: Array = action.terminal_value_function(action.state.integrate(x, dx), p).full().ravel()
-        return cost
+        return action.terminal_value_function(action.state.integrate(x, dx), p).full().ravel()
 
     return [_compare(action.name, node, "terminal q", gradient, _differences(outcome, action.state.ndx, h))]
 

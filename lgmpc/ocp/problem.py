@@ -127,8 +127,7 @@ class ShootingProblem:
         places = [self.action_at(k).parameters[name] for k in range(self.nodes + 1)]
         if any(place != places[0] for place in places):
             raise InputError(name, "actions that store it differently", "set(name, value), which writes every slice")
-        view: Array = self.parameters[..., places[0]]
-        return view
+        return self.parameters[..., places[0]]
 
     def set(self, name: str, value: ArrayLike, nodes: Sequence[int] | None = None) -> None:
         """Set one parameter.

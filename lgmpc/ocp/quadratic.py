@@ -91,8 +91,7 @@ class OcpQp:
 
     def vector(self, name: str) -> Array:
         """Return a view (N, n) of a stage vector that has no structural zeros (b, q, r, lower, upper, cost)."""
-        view: Array = self.values[:, self.structure.blocks[name].where]
-        return view
+        return self.values[:, self.structure.blocks[name].where]
 
     def is_finite(self) -> bool:
         """Return whether all numbers but the bounds are finite."""

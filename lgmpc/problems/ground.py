@@ -225,8 +225,7 @@ class Ground:
 
     def _points(self, points: Array) -> Array:
         """Return points (n, 3), given from the origin of a level floor, at the start."""
-        moved: Array = points @ self.axes.T + self.world.start_pose[1]
-        return moved
+        return points @ self.axes.T + self.world.start_pose[1]
 
     def _relief(self, points: Array) -> Array:
         """Return (n,) heights of the ground above the plane of the start below points (n, 3), m."""
@@ -235,8 +234,7 @@ class Ground:
             (float(point[0]), float(point[1]), float(point[2])),
             (float(axes[0, 2]), float(axes[1, 2]), float(axes[2, 2])),
         )
-        relief: Array = self.world.height(points[:, :2]) - plane.height(points[:, :2])
-        return relief
+        return self.world.height(points[:, :2]) - plane.height(points[:, :2])
 
     def _foothold(self, points: Array, radius: float) -> Array:
         """Return footholds (n, 3), given on the plane of a level floor, on the ground."""
@@ -273,5 +271,4 @@ def _on_box(half: Array, spacing: float) -> Array:
     """Return (n, 3) points of a grid on the faces of a box about the origin, its corners among them."""
     axes = [np.linspace(-h, h, 2 + int(2.0 * h / spacing)) for h in half]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    on: Array = points[(np.abs(points) >= half * (1.0 - 1e-9)).any(axis=1)]
-    return on
+    return points[(np.abs(points) >= half * (1.0 - 1e-9)).any(axis=1)]

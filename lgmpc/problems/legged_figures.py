@@ -167,5 +167,4 @@ def _runs(flags: BoolArray) -> list[tuple[int, int]]:
 def _outside_cone(forces: Array, friction: float) -> Array:
     """Return (n,) the violation of the friction cone, tensile forces included."""
     beyond = np.linalg.norm(forces[:, :2], axis=1) - friction * forces[:, 2]
-    outside: Array = np.maximum(np.maximum(beyond, -forces[:, 2]), 0.0)
-    return outside
+    return np.maximum(np.maximum(beyond, -forces[:, 2]), 0.0)

@@ -130,8 +130,7 @@ def friction_use(forces: Array, friction: float) -> Array:
     Infinite where a normal force is not positive.
     """
     tangential, allowed = np.linalg.norm(forces[:, :2], axis=1), friction * forces[:, 2]
-    use: Array = np.where(allowed > 0.0, tangential / np.maximum(allowed, 1e-12), np.inf)
-    return use
+    return np.where(allowed > 0.0, tangential / np.maximum(allowed, 1e-12), np.inf)
 
 
 def _jacobian(robot: Robot, data: pin.Data, q: Array, flags: BoolArray, size: int) -> Array:

@@ -258,8 +258,7 @@ def falling_motion(robot: Robot, x0: Array, joints: CubicSpline, times: Array) -
 def _base_velocity(robot: Robot, data: pin.Data, q: Array, rates: Array, momentum: Array) -> Array:
     """Return (6,) the base's velocity with which the centroidal momentum is ``momentum``."""
     matrix = pin.computeCentroidalMap(robot.model, data, q)
-    velocity: Array = np.linalg.solve(matrix[:, :6], momentum - matrix[:, 6:] @ rates)
-    return velocity
+    return np.linalg.solve(matrix[:, :6], momentum - matrix[:, 6:] @ rates)
 
 
 def _torques(robot: Robot, data: pin.Data, x: Array, after: Array, h: float) -> Array:
@@ -270,8 +269,7 @@ def _torques(robot: Robot, data: pin.Data, x: Array, after: Array, h: float) -> 
     a[:6] = 0.0
     pushed = pin.rnea(model, data, q, v, a)[:6]
     a[:6] = np.linalg.solve(pin.crba(model, data, q, pin.Convention.WORLD)[:6, :6], -pushed)
-    effort: Array = pin.rnea(model, data, q, v, a)[6:].copy()
-    return effort
+    return pin.rnea(model, data, q, v, a)[6:].copy()
 
 
 def _by_joint(robot: Robot, key: str, values: Mapping[str, float]) -> Array:
@@ -284,5 +282,4 @@ def _by_joint(robot: Robot, key: str, values: Mapping[str, float]) -> Array:
 def _smooth(s: Array) -> Array:
     """Return the smooth step from 0 to 1 whose first two derivatives are zero at both ends."""
     s = np.clip(s, 0.0, 1.0)
-    risen: Array = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    return risen
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)

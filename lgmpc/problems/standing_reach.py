@@ -224,16 +224,14 @@ def center_of_pressure(wrench: Array) -> Array:
     ``[-m_y, m_x] / f_z`` (Sardain and Bessonnet, "Forces acting on a biped robot. Center of pressure - zero moment
     point", IEEE Trans. SMC A 34, 2004).
     """
-    point: Array = np.array([-wrench[4], wrench[3]]) / wrench[2]
-    return point
+    return np.array([-wrench[4], wrench[3]]) / wrench[2]
 
 
 def sole_corners(placement: pin.SE3, half_size: tuple[float, float]) -> Array:
     """Return (4, 3) the corners of a rectangular sole about a frame's origin, world axes, m."""
     length, width = half_size
     local = np.array([[i * length, j * width, 0.0] for i, j in ((1, 1), (1, -1), (-1, -1), (-1, 1))])
-    corners: Array = local @ placement.rotation.T + placement.translation
-    return corners
+    return local @ placement.rotation.T + placement.translation
 
 
 def in_axes_of(soles: Sequence[pin.SE3], wrenches: Array) -> Array:

@@ -91,8 +91,7 @@ def leg_clearances(robot: Robot, q: Array) -> Array:
         for i in range(one.shape[1] - 1):
             for j in range(other.shape[1] - 1):
                 np.minimum(least, _distance(one[:, i], one[:, i + 1], other[:, j], other[:, j + 1]), out=least)
-    clearances: Array = least - 2.0 * robot.contact_radius
-    return clearances
+    return least - 2.0 * robot.contact_radius
 
 
 def _distance(a: Array, b: Array, c: Array, d: Array) -> Array:
@@ -107,5 +106,4 @@ def _distance(a: Array, b: Array, c: Array, d: Array) -> Array:
     t = (uv * s + vw) / vv
     s = np.where(t < 0.0, np.clip(-uw / uu, 0.0, 1.0), np.where(t > 1.0, np.clip((uv - uw) / uu, 0.0, 1.0), s))
     gap = w + s[:, None] * u - np.clip(t, 0.0, 1.0)[:, None] * v
-    distance: Array = np.linalg.norm(gap, axis=1)
-    return distance
+    return np.linalg.norm(gap, axis=1)

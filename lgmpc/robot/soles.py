@@ -180,15 +180,13 @@ class FootPoints:
 
     def total(self, values: Array) -> Array:
         """Return (nf, ...) sums over the points of each foot of values (nc, ...), a copy."""
-        sums: Array = np.add.reduceat(values, self.starts, axis=0)
-        return sums
+        return np.add.reduceat(values, self.starts, axis=0)
 
     def mean(self, values: Array) -> Array:
         """Return (nf, ...) means over the points of each foot of values (nc, ...)."""
         if self.single:
             return values
-        means: Array = np.add.reduceat(values, self.starts, axis=0) / self.counts.reshape(-1, *[1] * (values.ndim - 1))
-        return means
+        return np.add.reduceat(values, self.starts, axis=0) / self.counts.reshape(-1, *[1] * (values.ndim - 1))
 
     @property
     def size(self) -> tuple[float, float]:
@@ -207,8 +205,7 @@ class FootPoints:
         arms, o = points[:, :2] - self.mean(points)[self.of, :2], self.offsets
         along = o[:, 0] * arms[:, 0] + o[:, 1] * arms[:, 1]
         across = o[:, 0] * arms[:, 1] - o[:, 1] * arms[:, 0]
-        yaws: Array = np.arctan2(np.add.reduceat(across, self.starts), np.add.reduceat(along, self.starts))
-        return yaws
+        return np.arctan2(np.add.reduceat(across, self.starts), np.add.reduceat(along, self.starts))
 
     def arms(self, yaws: Array, normal: Array) -> Array:
         """Return (..., nc, 3) the points from the centres of feet with (..., nf) headings on a surface, world, m.
@@ -222,15 +219,13 @@ class FootPoints:
         flat = np.stack([c * x - s * y, s * x + c * y, np.zeros_like(c)], axis=-1)
         if not normal[:2].any():
             return flat
-        tilted: Array = flat @ pin.Quaternion.FromTwoVectors(_UP, normal).matrix().T
-        return tilted
+        return flat @ pin.Quaternion.FromTwoVectors(_UP, normal).matrix().T
 
     def place(self, centres: Array, yaws: Array, normal: Array) -> Array:
         """Return (..., nc, 3) the points of feet with these (..., nf, 3) centres; see :meth:`arms`."""
         if self.single:
             return centres
-        placed: Array = centres[..., self.of, :] + self.arms(yaws, normal)
-        return placed
+        return centres[..., self.of, :] + self.arms(yaws, normal)
 
 
 def support_share(robot: Robot) -> float:
@@ -377,8 +372,7 @@ def _surface(geometry: coal.CollisionGeometry) -> Array:
 def _ordered(points: Array) -> Array:
     """Return corners counterclockwise about their mean."""
     centred = points - points.mean(axis=0)
-    ordered: Array = points[np.argsort(np.arctan2(centred[:, 1], centred[:, 0]))]
-    return ordered
+    return points[np.argsort(np.arctan2(centred[:, 1], centred[:, 0]))]
 
 
 def _hull(points: Array) -> Array:
@@ -412,5 +406,4 @@ def _quadrilateral(points: Array) -> Array:
     corners = hull[np.array(list(combinations(range(len(hull)), 4)))]
     first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     areas = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    largest: Array = corners[int(areas.argmax())]
-    return largest
+    return corners[int(areas.argmax())]

@@ -158,8 +158,7 @@ def _push_work(log: RunLog) -> Array:
     moved = np.diff(log.push_point, axis=0)
     last = np.flatnonzero(pushed[:-1] & ~pushed[1:])
     moved[last] = moved[np.maximum(last - 1, 0)]
-    work: Array = np.where(pushed[:-1], (moved * log.push[:-1, :3]).sum(axis=1), 0.0)
-    return work
+    return np.where(pushed[:-1], (moved * log.push[:-1, :3]).sum(axis=1), 0.0)
 
 
 def _integral(steps: Array) -> Array:

@@ -157,8 +157,7 @@ def _episodes(time: Array, flags: BoolArray) -> list[tuple[int, int]]:
 
 
 def _any(flags: BoolArray) -> BoolArray:
-    raised: BoolArray = np.logical_or.reduce(flags, axis=1)
-    return raised
+    return np.logical_or.reduce(flags, axis=1)
 
 
 def _event(log: RunLog, span: tuple[int, int], kind: EventKind, name: str, words: str) -> Event:
@@ -306,8 +305,7 @@ def _reached(log: RunLog, quantity: Limited) -> Iterator[Event]:
 def _held(flags: BoolArray, unknown: BoolArray) -> BoolArray:
     """Return (n, k) flags, unknown ones replaced by the last known: in flight no support polygon is left or entered."""
     last = np.maximum.accumulate(np.where(unknown, 0, np.arange(len(flags))[:, None]), axis=0)
-    held: BoolArray = np.take_along_axis(flags, last, axis=0)
-    return held
+    return np.take_along_axis(flags, last, axis=0)
 
 
 def _beyond(log: RunLog, quantity: Limited, reached: BoolArray, span: tuple[int, int]) -> str:

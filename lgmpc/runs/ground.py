@@ -155,5 +155,4 @@ def foot_centres(points: Array, normals: Array, radius: float) -> Array:
 
 def along_ground(vectors: Array, normals: Array) -> Array:
     """Return (...,) the norms of the parts of (..., 3) vectors that are perpendicular to (..., 3) unit normals."""
-    parts: Array = np.linalg.norm(vectors - np.sum(vectors * normals, axis=-1, keepdims=True) * normals, axis=-1)
-    return parts
+    return np.linalg.norm(vectors - np.sum(vectors * normals, axis=-1, keepdims=True) * normals, axis=-1)

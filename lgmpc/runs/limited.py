@@ -43,8 +43,7 @@ class DriveLine(NamedTuple):
 
     def torque(self, driving: Array) -> Array:
         """Return the largest torque, N.m, at speeds in its direction, rad/s; the stall torque at opposite ones."""
-        available: Array = self.stall * np.clip(1.0 - driving / self.no_load, 0.0, 1.0)
-        return available
+        return self.stall * np.clip(1.0 - driving / self.no_load, 0.0, 1.0)
 
     def power(self, effort: Array) -> Array:
         """Return the largest mechanical power on the line, below torque limits, W.
@@ -52,8 +51,7 @@ class DriveLine(NamedTuple):
         That is at half of the no-load speed, or where the line meets the limit if that is faster.
         """
         torque = np.minimum(effort, 0.5 * self.stall)
-        power: Array = torque * self.no_load * (1.0 - torque / self.stall)
-        return power
+        return torque * self.no_load * (1.0 - torque / self.stall)
 
 
 class JointLimits(NamedTuple):
@@ -300,8 +298,7 @@ def capture_point(log: RunLog) -> Array:
     """
     height = np.maximum(log.above_ground(log.com) / log.ground_normal[:, 2], _LOWEST)
     velocity = log.momentum[:, :2] / log.mass_kg
-    point: Array = log.com[:, :2] + velocity * np.sqrt(height / GRAVITY)[:, None]
-    return point
+    return log.com[:, :2] + velocity * np.sqrt(height / GRAVITY)[:, None]
 
 
 def capture_margin(log: RunLog) -> Array:

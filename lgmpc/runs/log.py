@@ -222,8 +222,7 @@ class RunLog(ArrayFile):
     @cached_property
     def normal_forces(self) -> Array:
         """(n, nc) parts of the contact forces along the ground's normals, N."""
-        forces: Array = np.einsum("nki,nki->nk", self.contact_forces, self.contact_normals)
-        return forces
+        return np.einsum("nki,nki->nk", self.contact_forces, self.contact_normals)
 
     @cached_property
     def tangential_forces(self) -> Array:
@@ -233,8 +232,7 @@ class RunLog(ArrayFile):
     @cached_property
     def friction_limits(self) -> Array:
         """(n, nc) largest parts along the ground within the friction cones, N."""
-        limits: Array = self.friction_of_feet * np.maximum(self.normal_forces, 0.0)
-        return limits
+        return self.friction_of_feet * np.maximum(self.normal_forces, 0.0)
 
     @cached_property
     def friction_of_feet(self) -> Array:
@@ -251,8 +249,7 @@ class RunLog(ArrayFile):
     @property
     def closed(self) -> BoolArray:
         """(n, nc) flags of the contacts with a force."""
-        flags: BoolArray = self.normal_forces > CONTACT_FORCE_N
-        return flags
+        return self.normal_forces > CONTACT_FORCE_N
 
     @property
     def weight_n(self) -> float:
@@ -272,8 +269,7 @@ class RunLog(ArrayFile):
     def above_ground(self, points: Array) -> Array:
         """Return (n,) the distances of (n, 3) points from the plane of the ground below the base at each tick, m."""
         below = np.column_stack((self.base_pose[:, :2], self.ground_height))
-        distances: Array = np.einsum("ni,ni->n", points - below, self.ground_normal)
-        return distances
+        return np.einsum("ni,ni->n", points - below, self.ground_normal)
 
     @property
     def base_pose(self) -> Array:
@@ -349,5 +345,4 @@ def tilt_deg(orientations: Array, upright: Array = _UP, vertical: Array = _UP) -
     axis = quaternion.act.unchecked(orientations, np.broadcast_to(upright, (len(orientations), 3)))
     # atan2 of sine and cosine: arccos loses half of the digits near zero.
     sine, cosine = np.linalg.norm(np.cross(axis, vertical), axis=1), np.sum(axis * vertical, axis=1)
-    angle: Array = np.degrees(np.arctan2(sine, cosine))
-    return angle
+    return np.degrees(np.arctan2(sine, cosine))

@@ -101,8 +101,7 @@ class Recorded(Generic[L_co, R_co]):
             raise InputError(
                 "channel", name, f"one that was recorded; {self.path.name} has none of: {known[name].about}"
             )
-        array: NDArray[Any] = getattr(self.log, name)
-        return array
+        return getattr(self.log, name)
 
     def to_pandas(self, table: str | None = None) -> Any:
         """Return a pandas DataFrame with a column for each entry of each channel, indexed by the time, s.

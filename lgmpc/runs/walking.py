@@ -130,8 +130,7 @@ def body_velocity(log: RunLog) -> Array:
 def stride_mean(values: Array, ticks: int) -> Array:
     """Return the means (n - ticks + 1, ...) over each window of ``ticks`` rows of ``values`` (n, ...)."""
     sums = np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0)))
-    means: Array = (sums[ticks:] - sums[:-ticks]) / ticks
-    return means
+    return (sums[ticks:] - sums[:-ticks]) / ticks
 
 
 class _Walk:

@@ -150,8 +150,7 @@ class MujocoPlant:
         """Return the (3,) world position of the centre of mass of ``body``."""
         joint = self._wrenches.joint(body)
         mujoco.mj_kinematics(self.model, self.data)
-        point: Array = self.data.xipos[joint].copy()
-        return point
+        return self.data.xipos[joint].copy()
 
 
 @dataclass(frozen=True)
@@ -193,8 +192,7 @@ class _Layout:
 
     def read(self, qpos: Array) -> Array:
         if not self.cosines.size:
-            direct: Array = qpos[self.theirs]
-            return direct
+            return qpos[self.theirs]
         q = np.empty(self.nq)
         q[self.ours] = qpos[self.theirs]
         q[self.cosines] = np.cos(qpos[self.angles])

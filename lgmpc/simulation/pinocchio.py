@@ -177,16 +177,14 @@ class PinocchioPlant:
         """Return the (3,) world position of the centre of mass of ``body``."""
         joint = self._wrenches.joint(body)
         pin.forwardKinematics(self._model, self._data, self._q)
-        point: Array = self._data.oMi[joint].act(self._model.inertias[joint].lever)
-        return point
+        return self._data.oMi[joint].act(self._model.inertias[joint].lever)
 
     def _generalized(self, joint: int, wrench: Array) -> Array:
         """Return the generalized force (nv,) of a wrench at the centre of mass of the body that ``joint`` moves."""
         jacobian = pin.getJointJacobian(self._model, self._data, joint, pin.LOCAL_WORLD_ALIGNED)
         jacobian = jacobian.reshape(6, self._model.nv)  # Pinocchio gives a plain vector where nv is 1
         arm = self._data.oMi[joint].rotation @ self._model.inertias[joint].lever
-        force: Array = jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
-        return force
+        return jacobian[:3].T @ wrench[:3] + jacobian[3:].T @ (wrench[3:] + np.cross(arm, wrench[:3]))
 
     def _recovery(self, gap: float) -> float:
         """Return the velocity at which a contact below the ground, at ``gap`` < 0, m, would have no force, m/s."""

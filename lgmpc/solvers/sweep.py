@@ -78,8 +78,7 @@ def all_finite(*arrays: Array) -> bool:
 
 def products(matrices: Array, vectors: Array) -> Array:
     """Return (N, m) each stage's product of a matrix (N, m, n) and a vector (N, n); einsum takes twice as long."""
-    out: Array = (matrices @ vectors[..., None])[..., 0]
-    return out
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def bilinear(left: Array, matrices: Array, right: Array) -> float:

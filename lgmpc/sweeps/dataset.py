@@ -179,8 +179,7 @@ def _ticks(run: Run) -> IntArray:
     log = run.log
     elapsed = log.time[: max(log.finite_ticks, 1)] - log.time[0]
     times = np.arange(int(elapsed[-1] * FPS + 1e-6) + 1) / FPS
-    ticks: IntArray = np.clip(np.searchsorted(elapsed, times - 0.5 * log.control_period_s), 0, len(elapsed) - 1)
-    return ticks
+    return np.clip(np.searchsorted(elapsed, times - 0.5 * log.control_period_s), 0, len(elapsed) - 1)
 
 
 def _statistics(values: Array) -> dict[str, list[float]]:

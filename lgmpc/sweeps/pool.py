@@ -94,7 +94,7 @@ class Pool:
             self._idle.append(child)
         if error is not None:
             raise error
-        return value  # type: ignore[no-any-return]
+        return value
 
     def _take(self) -> _Child:
         """Return an idle process or a new one; those that ended while they were idle are dropped."""
@@ -128,7 +128,7 @@ class _Child:
             self._ready = self._ready or self.pipe.recv()
             self.pipe.send((function, task))
             if self.pipe.poll(limit_s):
-                return self.pipe.recv()  # type: ignore[no-any-return]
+                return self.pipe.recv()
             error: Exception = Hung(f"still computing after {limit_s:g} s (time_limit_s)")
         except (EOFError, OSError):
             error = Died("its process ended: killed, out of memory, or crashed in native code")

@@ -95,8 +95,7 @@ class Body:
         points = [
             p.mesh.positions @ p.placement.rotation.T + p.placement.translation for p in self.parts if p.joint == 1
         ]
-        half: Array = 0.5 * np.ptp(np.concatenate(points), axis=0).astype(np.float64) if points else np.zeros(3)
-        return half
+        return 0.5 * np.ptp(np.concatenate(points), axis=0).astype(np.float64) if points else np.zeros(3)
 
     def _path(self, joint: int) -> str:
         return f"/robot/{self.robot.model.names[joint]}"

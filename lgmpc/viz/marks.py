@@ -109,8 +109,7 @@ def turns_to(directions: Array) -> Array:
     x, y, z = directions.T
     turns = np.column_stack((-y, x, 0.0 * z, 1.0 + z))
     turns[z < -1.0 + 1e-9] = [1.0, 0.0, 0.0, 0.0]
-    turned: Array = turns / np.linalg.norm(turns, axis=1)[:, None]
-    return turned
+    return turns / np.linalg.norm(turns, axis=1)[:, None]
 
 
 def add_ball(

@@ -56,8 +56,7 @@ class Frames:
         """Return the mean of a channel from each picture to the next."""
         ends = np.append(self.ticks[1:], self.ticks[-1] + 1)
         sums = np.add.reduceat(values[: ends[-1]], self.ticks, axis=0)
-        mean: Array = sums / (ends - self.ticks).reshape(-1, *[1] * (values.ndim - 1))
-        return mean
+        return sums / (ends - self.ticks).reshape(-1, *[1] * (values.ndim - 1))
 
 
 def add_overlay(

@@ -300,8 +300,7 @@ def _x_along(vector: Array) -> Array:
     """Return (4,) the rotation, x y z w, from the x axis to a vector."""
     toward_z = np.array([0.0, -np.sqrt(0.5), 0.0, np.sqrt(0.5)])  # from x to z
     turn = turns_to((vector / np.linalg.norm(vector))[None])[0]
-    turned: Array = (pin.Quaternion(turn) * pin.Quaternion(toward_z)).coeffs()
-    return turned
+    return (pin.Quaternion(turn) * pin.Quaternion(toward_z)).coeffs()
 
 
 def _links(robot: Robot) -> Iterator[tuple[int, Any]]:

@@ -188,13 +188,11 @@ def _even(ground: World, travel: Array, size: float) -> Array:
         return height
     window = min(_SMOOTHED, len(height))
     padded = np.pad(height, (window // 2, (window - 1) // 2), mode="edge")
-    even: Array = np.convolve(padded, np.full(window, 1.0 / window), mode="valid")
-    return even
+    return np.convolve(padded, np.full(window, 1.0 / window), mode="valid")
 
 
 def _y_up(points: Array) -> Array:
-    turned: Array = np.stack((points[..., 0], points[..., 2], -points[..., 1]), axis=-1)
-    return turned
+    return np.stack((points[..., 0], points[..., 2], -points[..., 1]), axis=-1)
 
 
 def _grid(spacing: float, reach: float) -> Array:

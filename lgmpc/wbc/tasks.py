@@ -228,8 +228,7 @@ class NumericTask(Task):
     @property
     def rhs(self) -> Array:
         """(dim,) right-hand side of the rows."""
-        rhs: Array = self.acceleration + self.kp * self.error + self.kd * self.rate - self.drift
-        return rhs
+        return self.acceleration + self.kp * self.error + self.kd * self.rate - self.drift
 
 
 def along_motion(s: StageSymbols, expression: Any) -> Any:

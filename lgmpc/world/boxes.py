@@ -62,8 +62,7 @@ class Box:
     def corners(self) -> Array:
         """(8, 3) world, m; the last four are those of its top."""
         signs = np.array([(x, y, z) for z in (-1.0, 1.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-        corners: Array = self.center + signs * self.half_size @ self.rotation.T
-        return corners
+        return self.center + signs * self.half_size @ self.rotation.T
 
 
 class Boxes:
@@ -195,12 +194,10 @@ class _Grid:
 
     def __call__(self, points: Array) -> IntArray:
         """Return (n, k) the boxes near points (n, 2); -1 fills the rows."""
-        found: IntArray = self.table[self.cells(points)]
-        return found
+        return self.table[self.cells(points)]
 
     def cells(self, points: Array) -> IntArray:
         """Return (n,) the rows of the table for points (n, 2)."""
         place = np.floor((points - self._origin) / self._cell).astype(int) + 1
         place = np.minimum(np.maximum(place, 0), self._most)
-        cells: IntArray = place[:, 0] * (self._count[1] + 2) + place[:, 1]
-        return cells
+        return place[:, 0] * (self._count[1] + 2) + place[:, 1]

@@ -67,8 +67,7 @@ class HeightField:
         """Return (n, 3) unit normals of the triangles, upward."""
         _, slope, _ = self._at(points)
         normals = np.column_stack([-slope, np.ones(len(points))])
-        unit: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        return unit
+        return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def friction(self, points: Array) -> Array:
         """Return (n,) the coefficient."""
@@ -79,8 +78,7 @@ class HeightField:
         length = float(np.abs(end - begin).max(initial=0.0))
         share = np.linspace(0.0, 1.0, 2 + math.ceil(4.0 * length / self.cell))[:, None, None]
         points = (begin + share * (end - begin)).reshape(-1, 2)
-        top: Array = self.height(points).reshape(len(share), -1).max(axis=0)
-        return top
+        return self.height(points).reshape(len(share), -1).max(axis=0)
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return (n,) signed distances of points (n, 3), m, and (n, 3) normals; far above, heights above the ground."""
@@ -131,8 +129,7 @@ class HeightField:
             above = above.copy()
             above[beside] = points[beside, 2] - self._at(np.clip(points[beside, :2], low, high))[0]
         # The steepest triangle bounds the height of what is within the limit.
-        near: IntArray = np.flatnonzero((above > 0.0) & (above < limit * self._steepest))
-        return near
+        return np.flatnonzero((above > 0.0) & (above < limit * self._steepest))
 
     @cached_property
     def _steepest(self) -> float:
@@ -205,5 +202,4 @@ def read_heights(file: str, key: str, white_m: float | None) -> Array:
         raise InputError(key, file, f"a picture (.png) or an array of numbers (.npy) ({error})") from error
     if white_m is None:
         raise InputError(key.replace(".file", ".white_m"), None, f"the height of white in {Path(file).name}, m")
-    heights: Array = grey[::-1] / largest * white_m
-    return heights
+    return grey[::-1] / largest * white_m

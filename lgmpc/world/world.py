@@ -73,8 +73,7 @@ class World:
 
     def height(self, points: Array) -> Array:
         """Return (n,) heights of the ground below points (n, 2), m; -inf where there is none."""
-        top: Array = self._heights(points).max(axis=0)
-        return top
+        return self._heights(points).max(axis=0)
 
     def normal(self, points: Array) -> Array:
         """Return (n, 3) unit normals, upward."""
@@ -98,13 +97,11 @@ class World:
         plane = height[:, None] - normal[:, :2] @ around.T / normal[:, 2:]
         with np.errstate(invalid="ignore"):  # where there is no ground
             flat = (np.abs(found - plane) < _UNEVEN * radius).all(axis=1)
-        even: BoolArray = flat & (normal[:, 2] > _LEAST_UPWARD)
-        return even
+        return flat & (normal[:, 2] > _LEAST_UPWARD)
 
     def highest(self, begin: Array, end: Array) -> Array:
         """Return (n,) the greatest height of the ground along each segment from ``begin`` to ``end``, (n, 2), m."""
-        top: Array = np.array([layer.highest(begin, end) for layer in self.layers]).max(axis=0)
-        return top
+        return np.array([layer.highest(begin, end) for layer in self.layers]).max(axis=0)
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return (n,) signed distances of points (n, 3) to the nearest surface, m, and (n, 3) its normals there.
@@ -170,8 +167,7 @@ class World:
         """Return of each point the value of the layer that is highest there."""
         if len(values) == 1:
             return values[0]
-        chosen: NDArray[T] = np.array(values)[self._heights(points).argmax(axis=0), np.arange(len(points))]
-        return chosen
+        return np.array(values)[self._heights(points).argmax(axis=0), np.arange(len(points))]
 
 
 def _seams(sphere: IntArray, distance: Array, normal: Array) -> BoolArray:

@@ -234,7 +234,7 @@ class SymbolicModel:
         known = self._known.setdefault(name, [])
         for seen, result in known:
             if len(seen) == len(arguments) and all(map(_same, seen, arguments)):
-                return result  # type: ignore[no-any-return]
+                return result
         result = compute()
         known.append((arguments, result))
         del known[:-_KEPT]

@@ -114,8 +114,7 @@ def _places(s: OcpQpStructure, tall: int, high: int) -> IntArray:
     for name, row in (("C", 0), ("D", nx)):  # transposed: a row of the constraint is contiguous
         block = s.blocks[name]
         pairs.append((block.positions, path + block.columns + row + tall * block.rows))
-    places: IntArray = np.hstack([np.vstack(pair) for pair in pairs]).T.astype(np.int64, order="C")
-    return places
+    return np.hstack([np.vstack(pair) for pair in pairs]).T.astype(np.int64, order="C")
 
 
 def _unavailable(_: Any) -> int:

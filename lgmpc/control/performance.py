@@ -4,8 +4,9 @@ A manoeuvre is the solution of an optimal control problem. Its motion is the ref
 QP, its contacts are their schedule; its torques and the solver's gains are not used: those of the plan's model do not
 stop what the plan's model does not have. Two things follow the robot:
 
-- the clock. A foot that touches the ground in the second half of a flight ends it; a flight that the plan has ended
-  goes on until a foot touches the ground, or the manoeuvre has failed;
+- the clock. The robot takes off as soon as it rises as high as planned from there. In the air the clock runs to the
+  touchdown that the centre of mass falls to; a foot that touches the ground in the second half of a flight ends it, and
+  a flight that the plan has ended goes on until a foot touches the ground, or the manoeuvre has failed;
 - the place. It begins where the feet stand, along the robot's heading, and goes on from where they land. A fall is not
   the plan's own: while it turns in the air, a plan that begins there follows the robot.
 
@@ -27,7 +28,7 @@ from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.robot import Robot
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray
 from lgmpc.wbc import WholeBodyController
 
 _LOG = logging.getLogger(__name__)
@@ -43,6 +44,9 @@ _FAR_RAD, _FAR_DEG = 0.5, 30.0
 
 _SURE = 2
 """Ticks of contact that end a flight."""
+
+_FASTEST, _SLOWEST = 1.25, 0.8
+"""Speed of the clock in the air."""
 
 _WEIGHTS = {"base_orientation": 10.0 / 3.0, "angular_momentum": 10.0}
 """Weights on the ground, in units of those while feet swing."""
@@ -78,6 +82,7 @@ class Performance:
         self._wbc, self._tasks, self._robot = wbc, tasks, robot
         self._flights = self.plan.flights
         self._row, self._waited, self._since_landing = -1, 0, len(self.plan.q)
+        self._rate, self._part = 1.0, 0.0  # of the clock in the air, and of the present tick
         self._shift = np.zeros(3)
         self._touching = np.zeros(len(self.stance), dtype=np.int_)
         self._flies = False
@@ -115,8 +120,8 @@ class Performance:
 
     def advance(self, contacts: BoolArray | None) -> None:
         """Advance by one tick, and write the targets; ``contacts`` (nc,) are measured, None where they are not."""
-        self.landed = False
-        flight = self._flight(self._row + 1)
+        self.landed, self._rate = False, 1.0
+        flight = self._flight(self._row + 1) or self._early_flight()
         if flight is None:
             self._row += 1
         else:
@@ -160,9 +165,13 @@ class Performance:
 
     def _fly(self, begin: int, end: int, contacts: BoolArray | None) -> None:
         """Advance in a flight: to its end if a foot touches early, no further than its end until one does."""
-        self._row += 1
         if begin == 0:
             self._follow_feet()
+        else:
+            self._rate = self._flight_rate(end)
+        self._part += self._rate
+        self._row = min(max(self._row + int(self._part), begin), end - 1)
+        self._part %= 1.0
         if contacts is None:
             return
         self._touching = np.where(contacts, self._touching + 1, 0)
@@ -171,10 +180,29 @@ class Performance:
             self._land()
         elif self._row == end - 1:
             self._waited += 1
-            self._row -= 1
+            self._row, self._rate = self._row - 1, 0.0
             self._follow_feet()
             if self._waited * self.plan.period > self.plan.longest_wait_s:
                 self.failure = f"no ground {self.plan.longest_wait_s:g} s after the planned touchdown"
+
+    def _early_flight(self) -> tuple[int, int] | None:
+        """Return the next flight if the robot, thrown from here, rises as high as in it."""
+        terms, flight = self._wbc.terms, next((each for each in self._flights if each[0] > self._row), None)
+        climb = float(terms.momentum[2]) / self._robot.mass
+        if flight is None or climb <= 0.0:
+            return None
+        # Half of what the tick to come would add is lost, half too much.
+        climb += 0.5 * self.plan.period * float(self.plan.momentum_rate[self._row, 2]) / self._robot.mass
+        apex = float(self.plan.com[slice(*flight), 2].max() + self._shift[2])
+        return flight if terms.z + 0.5 * climb**2 / GRAVITY >= apex else None
+
+    def _flight_rate(self, end: int) -> float:
+        """Return the speed of the clock with which the centre of mass is at the end of a flight when it is."""
+        terms, period = self._wbc.terms, self.plan.period
+        climb = float(terms.momentum[2]) / self._robot.mass
+        above = max(terms.z - float(self.plan.com[end - 1, 2] + self._shift[2]), 0.0)
+        left = (climb + math.sqrt(climb**2 + 2.0 * GRAVITY * above)) / GRAVITY
+        return min(max((end - self._row) * period / max(left, period), _SLOWEST), _FASTEST)
 
     def _follow_feet(self) -> None:
         """Move the plan to where the feet are."""
@@ -210,8 +238,8 @@ class Performance:
         base.rotation[:], base.angular_velocity[:] = plan.rotation[row], plan.v[row, 3:6]
         momentum.momentum[:], momentum.rate[:] = plan.momentum[row, 3:], plan.momentum_rate[row, 3:]
         joints, of = tasks.posture.target, self._robot.joint_v
-        joints.position[:], joints.velocity[:] = plan.q[row, self._robot.joint_q], plan.v[row, of]
-        joints.acceleration[:] = plan.acceleration[row, of]
+        joints.position[:], joints.velocity[:] = plan.q[row, self._robot.joint_q], self._rate * plan.v[row, of]
+        joints.acceleration[:] = self._rate**2 * plan.acceleration[row, of]
 
 
 class Performer:

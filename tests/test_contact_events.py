@@ -32,7 +32,7 @@ class ScriptedFloor:
         session: whose plant is wrapped.
         height: of the floor under the foot while it is moved, m.
         begins: whether the floor moves now, for time and contact state of the foot; it moves once.
-        lasts: for so long, s.
+        lasts: for so long at least, s: it does not come back into a foot that is below it.
     """
 
     def __init__(
@@ -42,17 +42,22 @@ class ScriptedFloor:
         self._plant, self._feet, self._step = session.plant, session.controller.feet, session.plant.step
         self._geom = session.plant.model.geom(f"foot {session.robot.contact_frames[FOOT]}").id
         self._place = session.plant.model.geom_pos[self._geom].copy()
+        self._body = session.plant.model.geom_bodyid[self._geom]
+        self._radius = session.plant.model.geom_size[self._geom, 0]
         self._height, self._begins, self._lasts = height, begins, lasts
-        self.begun = np.inf
+        self.begun, self._moved = np.inf, False
         session.plant.step = self.step  # type: ignore[method-assign]
 
     def step(self, tau: Array) -> None:
         time = self._plant.data.time
         if np.isinf(self.begun) and self._begins(time, self._feet.events.states[FOOT]):
             self.begun = time
-        moved = self.begun <= time < self.begun + self._lasts
+        data = self._plant.data
+        lowest = data.xpos[self._body, 2] + data.xmat[self._body, 6:] @ self._place - self._radius
+        lasts = time < self.begun + self._lasts or (self._moved and lowest < -0.001)
+        self._moved = time >= self.begun and lasts
         self._plant.model.geom_pos[self._geom] = self._place
-        self._plant.model.geom_pos[self._geom, 2] -= self._height if moved else 0.0
+        self._plant.model.geom_pos[self._geom, 2] -= self._height if self._moved else 0.0
         self._step(tau)
 
 
@@ -85,10 +90,10 @@ def states_after(log: RunLog, begin: float, seconds: float) -> list[str]:
     return [CONTACT_STATES[k] for k in states[np.concatenate(([0], np.flatnonzero(np.diff(states)) + 1))].tolist()]
 
 
-def check_it_walks_on(log: RunLog, metrics: Metrics, begin: float, tilt_deg: float = 4.0) -> None:
+def check_it_walks_on(log: RunLog, metrics: Metrics, begin: float) -> None:
     """The robot neither falls nor tilts, no torque is lost, and it ends standing at the same height."""
     assert metrics.falls == 0 and metrics.solver_failures == 0
-    assert metrics.max_tilt_deg < tilt_deg
+    assert metrics.max_tilt_deg < 4.0
     assert metrics.walking is not None and metrics.walking.ends_standing
     assert log.q[-1, 2] == pytest.approx(0.232, abs=0.003)
     speed = np.diff(log.com[:, 0])[(log.time[1:] > begin + 0.3) & (log.time[1:] < 1.4)] / 1e-3
@@ -121,7 +126,7 @@ def test_a_late_foot_descends_until_it_stands(depth: float) -> None:
 def test_a_foot_that_loses_its_contact_regains_it() -> None:
     """The floor falls by 3.5 cm early in a long stance: the foot descends, stands again, and the robot walks on.
 
-    Its base is parallel to the plane through its feet, of which one is 3.5 cm lower: 4.3 degrees, and sways by 0.8.
+    Its base does not follow one low foot: 2.7 degrees. It was 6.8 while the believed plane followed at once.
     """
     stance = [0.8]
 
@@ -132,7 +137,7 @@ def test_a_foot_that_loses_its_contact_regains_it() -> None:
     log, metrics, begin = walked(-0.035, in_stance, 0.25, "walk")
     states = states_after(log, begin, 0.25)
     assert states[:3] == ["stance", "lost", "stance"]
-    check_it_walks_on(log, metrics, begin, tilt_deg=5.5)
+    check_it_walks_on(log, metrics, begin)
 
 
 AGE = 0.008

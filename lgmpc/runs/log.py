@@ -246,6 +246,13 @@ class RunLog(ArrayFile):
         """(n, nc, 3) centres of the spherical feet, m. They do not jump where a foot touches another surface."""
         return foot_centres(self.contact_points, self.contact_normals, self.contact_radius)
 
+    @cached_property
+    def first_points(self) -> list[int]:
+        """(nf,) index of the first contact point of each foot: a sole's are called ``frame/1``, ``frame/2``, ..."""
+        parts = [(name, *name.rpartition("/")[::2]) for name in self.contact_frames.tolist()]
+        feet = [frame if frame and k.isdigit() else name for name, frame, k in parts]
+        return [feet.index(foot) for foot in dict.fromkeys(feet)]
+
     @property
     def closed(self) -> BoolArray:
         """(n, nc) flags of the contacts with a force."""

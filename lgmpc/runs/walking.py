@@ -62,7 +62,7 @@ class WalkingMetrics:
         "on plateaus with a planar velocity."
     )
     steps: int = metric("Number of swings of all feet.")
-    lost_contacts: int = metric("Number of contacts lost during a stance.")
+    lost_contacts: int = metric("Number of feet's contacts lost during a stance.")
     walking_tilt_deg: float = metric(
         "Largest tilt of the base while it walks, degrees; while the command is not zero or a foot swings."
     )
@@ -193,8 +193,9 @@ def _tracking(walk: _Walk) -> dict[str, Any]:
 
 
 def _count(walk: _Walk, state: str) -> int:
-    """Count the entries into a contact state."""
-    return int(np.count_nonzero(np.diff((walk.states == CONTACT_STATES.index(state)).astype(np.int8), axis=0) > 0))
+    """Count the entries of feet into a contact state, which all points of a sole share."""
+    states = walk.states[:, walk.log.first_points]
+    return int(np.count_nonzero(np.diff((states == CONTACT_STATES.index(state)).astype(np.int8), axis=0) > 0))
 
 
 def _cost_of_transport(walk: _Walk) -> float | None:

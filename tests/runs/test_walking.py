@@ -98,6 +98,17 @@ def test_a_command_that_is_followed_exactly_has_no_error(walk, yaw_rate) -> None
     assert found.final_foot_error_m == pytest.approx(0.0, abs=1e-12)
 
 
+def test_the_corners_of_a_sole_step_together(standing) -> None:
+    log = walking_log(standing)
+    states = np.tile(log.contact_states[:, :1], (1, 4))
+    points = replace(log, contact_states=states)
+    soles = replace(points, contact_frames=np.array(["a/sole/1", "a/sole/2", "b/foot", "b/2"]))
+    assert soles.first_points == [0, 2, 3] and log.first_points == [0, 1, 2, 3]
+    for each, feet in ((points, 4), (soles, 3)):
+        walking = compute_metrics(each).walking
+        assert walking is not None and walking.steps == feet * STEPS
+
+
 def test_sway_within_a_stride_is_in_the_raw_error_alone(walk) -> None:
     """Two whole oscillations a cycle: nothing is left of them in the mean, and 1/sqrt(2) of the size in the RMS."""
     found = walk(lambda arrays: sway(arrays, np.where(WALK, 0.1 * np.sin(2.0 * np.pi * 2.0 * TIME / PERIOD), 0.0)))

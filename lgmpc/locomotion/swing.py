@@ -35,6 +35,7 @@ _OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of t
 _OBSTACLE_SHARE = 0.35  # of the height: the highest obstacle that a foot rises over
 _LOST_COMMANDS = 3
 _LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
+_FREE_SHARE = 0.8  # of the largest acceleration: up to it feet follow their paths unless something is in the way
 _RISING_SHARE = 0.6
 """Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
 _ROUGH_SHARE = 0.5
@@ -211,7 +212,8 @@ class SwingTrajectory:
     ) -> bool:
         """Return whether an obstacle holds the foot back: it is behind its path, and does not catch up.
 
-        One that rises over an obstacle already is left alone on its way up.
+        One that rises over an obstacle already is left alone on its way up, and a step that takes all that the motors
+        provide lags without an obstacle.
 
         Args:
             t: now, s.
@@ -227,7 +229,16 @@ class SwingTrajectory:
             return False
         x, y = float(wanted[0] - position[0]), float(wanted[1] - position[1])
         behind = vx * x + vy * y > (self._obstructed + _LOST_COMMANDS * period * speed) * speed
-        return behind and vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
+        slow = vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
+        return behind and slow and self._acceleration() < _FREE_SHARE * self.settings.acceleration_m_s2
+
+    def _acceleration(self) -> float:
+        """Return the largest acceleration in the plane of a step from rest to the target in the swing's time, m/s2."""
+        duration = self.touchdown - self._ahead_s - self.liftoff
+        return _PEAK * self._way() / (duration * duration)
+
+    def _way(self) -> float:
+        return math.hypot(self.target[0] - self._from[0], self.target[1] - self._from[1])
 
     def step_over(self, t: float, position: Vector) -> None:
         """Begin again from ``position`` (3,), where an obstacle holds the foot: upwards, and from there on ahead."""
@@ -305,8 +316,7 @@ class SwingTrajectory:
 
     def _postpone(self) -> bool:
         """Postpone the touchdown until the step to the target is within the limit; return whether it had to be."""
-        way = math.hypot(self.target[0] - self._from[0], self.target[1] - self._from[1])
-        due = min(self.liftoff + math.sqrt(_PEAK * way / self.settings.acceleration_m_s2), self._latest)
+        due = min(self.liftoff + math.sqrt(_PEAK * self._way() / self.settings.acceleration_m_s2), self._latest)
         if due <= self.touchdown:
             return False
         self.touchdown = due

@@ -22,10 +22,12 @@ from lgmpc.locomotion.settings import gaits_of
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_step_recovery.yaml"
 
 
-def pushed(*impulses: tuple[float, float], seconds: float, overrides: tuple[str, ...] = ()) -> ClosedLoopSession:
+def pushed(
+    *impulses: tuple[float, float], seconds: float, overrides: tuple[str, ...] = (), lasting: float = 0.2
+) -> ClosedLoopSession:
     """Return the session after pushes ahead and to the left, N.s, the first after 0.3 s, one every 6 s."""
     pushes = ", ".join(
-        f"{{body: base_link, time_s: {0.3 + 6.0 * i}, duration_s: 0.2, impulse_ns: [{x}, {y}, 0.0]}}"
+        f"{{body: base_link, time_s: {0.3 + 6.0 * i}, duration_s: {lasting}, impulse_ns: [{x}, {y}, 0.0]}}"
         for i, (x, y) in enumerate(impulses)
     )
     session = prepare(load_config(CONFIG, [f"pushes=[{pushes}]", f"duration_s={seconds}", *overrides]))
@@ -160,6 +162,18 @@ def test_steps_against_a_push_take_as_long_as_in_the_forecast_that_chose_them() 
     """Long steps of a gait may take longer; these must not, or the robot falls."""
     longer = "locomotion.swing.longest_share=1.25"
     assert not pushed((4.33, 2.5), seconds=2.5, overrides=(longer,)).controller.fallen
+
+
+@pytest.mark.parametrize(
+    ("plant", "impulse"),
+    [("mujoco", (5.0, 0.0)), *(pytest.param(*each, marks=pytest.mark.slow) for each in (
+        ("mujoco", (4.33, 2.5)), ("mujoco", (0.0, 5.0)), ("pinocchio", (4.0, 0.0))
+    ))],
+)  # fmt: skip
+def test_a_stroke_of_20_ms_is_survived(plant: str, impulse: tuple[float, float]) -> None:
+    """Feet that lag because the motors are too weak for their steps were taken for blocked ones, and stayed up."""
+    session = pushed(impulse, seconds=1.8, overrides=(f"plant.kind={plant}",), lasting=0.02)
+    assert not session.controller.fallen and session.controller.push_steps.active
 
 
 def test_steps_are_repeatable_bit_by_bit() -> None:

@@ -246,6 +246,9 @@ def test_a_foot_held_back_by_an_obstacle_rises_before_it_moves_ahead_again() -> 
     assert not swing.blocked(0.06, wanted, np.zeros(3), wanted, velocity)  # not behind its path
     assert not swing.blocked(0.06, at, velocity, wanted, velocity)  # it catches up
     assert swing.blocked(0.06, at, np.zeros(3), wanted, velocity)
+    long = SwingTrajectory()
+    long.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), np.array([0.4, 0.0, 0.0]))  # motors are too weak for it
+    assert not long.blocked(0.06, at, np.zeros(3), *sample(long, 0.06)[:2])
     swing.roughness = 0.05
     swing.step_over(0.06, at)
     rows = np.array([sample(swing, t)[0] for t in np.linspace(0.06, swing.touchdown - 1e-9, 200)])

@@ -139,6 +139,17 @@ def test_talos_walks_with_flat_soles_that_do_not_meet(plant):
 
 
 @pytest.mark.slow
+def test_talos_walks_on_through_a_push_and_brakes_its_joints_before_their_limits():
+    """Pushed ahead just before a lift-off it lands 0.2 m ahead; a leg braked at its limits carries nothing then."""
+    push = "pushes=[{body: torso_2_link, time_s: 2.3815, duration_s: 0.2, impulse_ns: [27, 0, 0]}]"
+    log = prepare(load_config("talos_walk_push", [push, "duration_s=3.6"])).run(lambda progress: None).log
+    assert log.tilt_deg.max() < 6.0 and (log.wbc_status == log.wbc_status[0]).all()
+    centres = log.contact_points.reshape(log.ticks, 2, 4, 3).mean(axis=2)
+    assert (centres[:, 0, 1] - centres[:, 1, 1]).min() > 0.125  # soles are 0.124 m wide
+    assert log.momentum[-1, 0] / log.mass_kg == pytest.approx(0.3, abs=0.1)
+
+
+@pytest.mark.slow
 def test_talos_walks_on_its_sensors_and_knows_which_sole_carries():
     commands = "commands=[{at_s: 0.2, velocity_m_s: [0.4, 0, 0], gait: walk}]"
     result = prepare(load_config("talos_walk_inekf", [commands, "duration_s=2.5"])).run(lambda progress: None)

@@ -271,7 +271,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
     def _observation(self) -> Array:
         state, controller = self._tick.state, self._session.controller
         robot, report, feet, clock = self._session.robot, controller.report, controller.feet, controller.feet.clock
-        height = state.q[2] - feet.ground.height_at(*state.q[:2].tolist())
+        height = state.q[2] - feet.ground.plane_at(*state.q[:2].tolist())
         up = quaternion.act(quaternion.inverse(state.q[3:7]), np.array([0.0, 0.0, 1.0]))
         waits = np.array([clock.next_liftoff(foot, state.time) - state.time for foot in range(robot.nf)])
         phase = 2.0 * math.pi * np.where(np.isfinite(waits), waits, 0.0) / clock.gait.period_s

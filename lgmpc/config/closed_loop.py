@@ -342,7 +342,7 @@ class RunObserver:
             values["forecast_ms"] = report.forecast_ms
         if self._records_belief:
             ground, (x, y, z) = self._controller.feet.ground, tick.state.q[:3].tolist()
-            values["believed_ground"] = (z - ground.height_at(x, y), *ground.slope)
+            values["believed_ground"] = (z - ground.plane_at(x, y), *ground.slope)
         if hands := self._controller.wbc.hands:
             poses = np.array([hand.poses(sample.q) for hand in hands])
             values["hand_poses"], values["hand_targets"] = poses[:, 0], poses[:, 1]

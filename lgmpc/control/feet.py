@@ -98,6 +98,7 @@ class Feet:
         self._swings = [SwingTrajectory(settings.swing, self.legs.height, sole) for _ in range(robot.nf)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nf, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nf, 3))
+        self.ground.places = None if sole else self.footholds
         self.yaws = np.zeros(robot.nf)
         self._headings = [] if self.points.single else [HeadingTrajectory() for _ in range(robot.nf)]
         self.targets = self.position if self.points.single else np.zeros((robot.nc, 3))

@@ -296,7 +296,7 @@ class LeggedController:
         elif mode is Mode.LIE:
             inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_retraction.done(time)
         else:
-            solved, above = self.wbc.status is Status.CONVERGED, feet.ground.height_at(terms.x, terms.y)
+            solved, above = self.wbc.status is Status.CONVERGED, feet.ground.plane_at(terms.x, terms.y)
             inputs.failure = self._fall.check(mode, state, terms, upright, float(self.target[2]), above, solved)
             inputs.falling = self._fall.falls(time, upright, terms.z - above, speed)
             if performance is not None:

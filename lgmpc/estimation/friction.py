@@ -139,9 +139,12 @@ class FrictionMonitor:
             sliding += landed if loads[landed].sum() > _LOAD_SHARE * loads.sum() else []
         faster = [foot for foot in sliding if not before or speeds[foot] >= before[foot]]
         if faster:
-            slopes = [_slope(*pair) for pair in zip(forces[faster].tolist(), normals[faster].tolist(), strict=True)]
-            bound = max(min(slopes), _LEAST_SHARE * self.coefficient)
-            self.coefficient = max(self._least, self._fall * min(self.coefficient, bound))
+            given = (rows[faster].tolist() for rows in (forces, normals, self._smoothed))
+            slopes = [_slopes(*each) for each in zip(*given, strict=True)]
+            proven = [max(each) for each in slopes if not each[0] < self.coefficient <= each[1]]
+            if proven:
+                bound = max(min(proven), _LEAST_SHARE * self.coefficient)
+                self.coefficient = max(self._least, self._fall * min(self.coefficient, bound))
         elif not sliding and self.coefficient < self._nominal:
             self.coefficient += self._rise * (self._nominal - self.coefficient)
         return self.coefficient
@@ -161,6 +164,17 @@ def _slide() -> ca.Function:
     return ca.Function(
         "foot_slide", [smoothed, measured, normal, share], [velocity, speed], names, ["smoothed_next", "speed"]
     )
+
+
+def _slopes(force: Sequence[float], normal: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
+    """Return tangential over normal force of a foot that slides, infinite for a force that does not press.
+
+    On the believed surface, and on the one nearest to it along which the foot moves.
+    """
+    out, square = (sum(a * b for a, b in zip(velocity, each, strict=True)) for each in (normal, velocity))
+    along = [square * n - out * v for n, v in zip(normal, velocity, strict=True)]
+    size = math.hypot(*along)
+    return _slope(force, normal), _slope(force, [each / size for each in along])
 
 
 def _slope(force: Sequence[float], normal: Sequence[float]) -> float:

@@ -180,7 +180,7 @@ class Shown:
         report, ground = self._controller.report, self._controller.feet.ground
         x, y, _ = report.com.tolist()
         gait = self._gaits.index(report.gait.name) if report.gait.name in self._gaits else -1
-        self._parts[2][:] = (speed, halted, gait, *ground.slope, x, y, ground.height_at(x, y))
+        self._parts[2][:] = (speed, halted, gait, *ground.slope, x, y, ground.plane_at(x, y))
         self._ring.write(*self._parts)
 
     def watch(self, tick: Tick) -> bool:

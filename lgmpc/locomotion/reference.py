@@ -157,7 +157,7 @@ class ReferenceBuilder:
             bx, by, bz = _rotate(tilt, self._legs.base)
             self._base = (c * bx - s * by, s * bx + c * by, bz)
         x, y = self.x, self.y
-        z = ground.height_at(x, y) + self._legs.height + command.height
+        z = ground.plane_at(x, y) + self._legs.height + command.height
         (bx, by, bz), (vx, vy), (along_x, along_y) = self._base, self.velocity(command), ground.slope
         vz = along_x * vx + along_y * vy
         centre, origin, base = pose.centre, pose.origin, pose.base_pose
@@ -197,7 +197,7 @@ class ReferenceBuilder:
         if ramp is None:
             ramp = _CONSTANT
         tilt = _pitch_roll(*self._along(ground, command))
-        z = ground.height_at(self.x, self.y) + self._legs.height + command.height
+        z = ground.plane_at(self.x, self.y) + self._legs.height + command.height
         self._now[:] = (
             self.x, self.y, z, self.yaw, command.vx, command.vy, command.yaw_rate, ramp.ax, ramp.ay, ramp.duration,
             *tilt, *_rotate(tilt, self._legs.base), *ground.slope,

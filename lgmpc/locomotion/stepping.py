@@ -370,7 +370,7 @@ class MappedBelief(TerrainBelief):
     def unevenness(self, points: Array) -> float:
         """Return the largest height by which footholds (nc, 3) are off the plane, m."""
         places: list[list[float]] = points.tolist()
-        return max(abs(z - self.height_at(x, y)) for x, y, z in places)
+        return max(abs(z - self.plane_at(x, y)) for x, y, z in places)
 
 
 def _heading(pose: Array) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -73,6 +75,19 @@ def test_a_foot_that_rolls_off_an_edge_proves_nothing(tilt: np.ndarray) -> None:
     sinking[1] = tilt @ [0.3, -0.4, -0.25]  # in the axes of the surface once it is turned back
     for _ in range(50):
         assert monitor.update(sinking, STANCE, FORCES @ tilt.T, np.tile(tilt[:, 2], (4, 1))) == 0.6
+
+
+def test_a_foot_on_ground_steeper_than_believed_is_judged_along_its_slide() -> None:
+    monitor, ramp = (
+        FrictionMonitor(0.6, 1e-3),
+        np.array([math.cos(math.radians(15.0)), 0.0, math.sin(math.radians(15.0))]),
+    )
+    forces = np.tile(10.0 * np.array([math.sin(math.radians(20.0)), 0.0, math.cos(math.radians(20.0))]), (4, 1))
+    for k in range(30):  # slides back down the ramp under a force outside of the cone of 0.6 there, inside of that here
+        sliding = np.zeros((4, 3))
+        sliding[1] = -(0.2 + 0.01 * k) * ramp
+        monitor.update(sliding, STANCE, forces, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert monitor.coefficient == 0.6
 
 
 def test_it_rises_again_slowly_towards_the_nominal(tilt: np.ndarray) -> None:

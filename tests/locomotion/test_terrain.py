@@ -31,7 +31,7 @@ def test_a_plane_under_all_feet_is_known_at_once(slope: tuple[float, float], at:
     np.testing.assert_allclose(belief.slope, slope, rtol=1e-5)
     normal = np.array([-slope[0], -slope[1], 1.0])
     np.testing.assert_allclose(belief.normal, normal / np.linalg.norm(normal), atol=1e-5)
-    assert belief.height_at(at[0] + 0.5, at[1] - 0.3) == pytest.approx(
+    assert belief.plane_at(at[0] + 0.5, at[1] - 0.3) == pytest.approx(
         0.7 + (at[0] + 0.5) * slope[0] + (at[1] - 0.3) * slope[1], abs=1e-5
     )
     assert belief.carried(1e-5).all()
@@ -44,7 +44,7 @@ def test_footholds_that_differ_by_millimetres_are_level_exactly(height: float) -
     points[:, 2] += 1e-3 * rng.uniform(-1.0, 1.0, 4)
     belief.begin(points)
     assert belief.level and belief.slope == (0.0, 0.0) and belief.normal.tolist() == [0.0, 0.0, 1.0]
-    assert belief.height_at(5.0, 5.0) == pytest.approx(points[:, 2].mean(), abs=1e-15)
+    assert belief.plane_at(5.0, 5.0) == pytest.approx(points[:, 2].mean(), abs=1e-15)
 
 
 def test_between_level_and_twice_that_tilt_the_slope_counts_in_part() -> None:
@@ -62,7 +62,7 @@ def test_the_slope_follows_within_the_filters_time_and_the_height_at_once() -> N
     for _ in range(round(time_constant / 1e-3)):
         belief.update(1e-3, points, STANDING)
     assert belief.slope[0] == pytest.approx(0.3 * (1.0 - math.exp(-1.0)), rel=2e-2)
-    assert belief.height_at(0.0, 0.0) == pytest.approx(0.1, abs=1e-12)
+    assert belief.plane_at(0.0, 0.0) == pytest.approx(0.1, abs=1e-12)
 
 
 def test_the_slope_follows_blocks_slowly_and_a_plane_after_a_stride() -> None:
@@ -74,6 +74,30 @@ def test_the_slope_follows_blocks_slowly_and_a_plane_after_a_stride() -> None:
     for _ in range(round(8.0 * fall_time / 1e-3)):
         belief.update(1e-3, on_plane(FEET, (0.3, 0.0)), STANDING)
     assert belief.slope[0] == pytest.approx(0.3, rel=0.1)
+
+
+def test_at_the_foot_of_a_ramp_footholds_have_its_heights_and_normals_before_the_plane_has() -> None:
+    belief, rise = believed((0.0, 0.0)), math.tan(math.radians(15.0))
+    places = belief.places = belief.footholds.copy()
+
+    def ground(x: float) -> float:
+        return max(rise * (x - 0.35), 0.0)
+
+    errors = []
+    for step in range(1, 10):  # a trot of 12 cm a stride
+        stance = np.array([True, False, False, True]) if step % 2 else np.array([False, True, True, False])
+        places[stance, 0] += 0.12
+        foot = 0 if step % 2 else 1
+        x, y, _ = places[foot]
+        errors.append((belief.height_at(x, y) - ground(x), belief.plane_at(x, y) - ground(x)))
+        places[stance, 2] = [ground(x) for x in places[stance, 0]]
+        for _ in range(120):
+            belief.update(1e-3, places, stance.tolist())
+    expected, plane = np.abs(errors[3:]).T  # the first two touchdowns on the ramp are unexpected
+    assert plane.max() > 0.02 and expected.max() < 0.6 * plane.max()
+    tilt = np.degrees(np.arctan2(-belief.normals[:, 0], belief.normals[:, 2]))
+    assert tilt[:2] == pytest.approx(15.0, abs=3.0) and belief.slope[0] < 0.9 * rise
+    assert not belief.level and np.linalg.norm(belief.normals, axis=1) == pytest.approx(1.0)
 
 
 def test_feet_in_the_air_keep_their_last_foothold() -> None:
@@ -92,7 +116,7 @@ def test_a_foot_in_the_air_is_not_carried() -> None:
     stance = belief.carried(0.005)
     assert stance.tolist() == [True, True, False, True]
     belief.begin(points, stance)
-    assert belief.level and belief.height_at(0.0, 0.0) == 2.0
+    assert belief.level and belief.plane_at(0.0, 0.0) == 2.0
 
 
 def test_a_steep_fit_is_limited() -> None:

@@ -70,8 +70,10 @@ def test_a_robot_that_loses_the_ground_lands_on_its_feet(changes: tuple[str, ...
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
 def test_a_robot_jumps_onto_a_box(plant: str) -> None:
-    run = measured("solo12_box", f"plant.kind={plant}")
-    assert run.final_tilt_deg < 1.0
+    result = run("solo12_box", f"plant.kind={plant}")
+    assert result.verdict.passed, result.verdict.reasons
+    assert result.certificate is not None and result.certificate.certified
+    assert isinstance(result.metrics, Metrics) and result.metrics.final_tilt_deg < 1.0
 
 
 @pytest.mark.slow

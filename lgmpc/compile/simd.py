@@ -69,16 +69,7 @@ _ARGUMENT = re.compile(r"\b([xr])(\d+)\[")
 
 _COMMUTATIVE = (casadi.OP_ADD, casadi.OP_MUL)
 
-_HEAD = (
-    _VECTORS
-    + """\
-static inline double sign(double x) { return x < 0 ? -1 : x > 0 ? 1 : x; }
-#define EACH(f) static inline V each_##f(V a) \\
-  { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i)); return v; }
-#define EACH2(f) static inline V each_##f(V a, V b) \\
-  { V v; int i; for (i = 0; i < LANES; ++i) LANE(v, i) = f(LANE(a, i), LANE(b, i)); return v; }
-"""
-)
+_HEAD = _VECTORS + _FOLDER.joinpath("each.c").read_text(encoding="utf-8")
 _HEAD += "".join(
     [
         _TRIGONOMETRY,
@@ -88,35 +79,11 @@ _HEAD += "".join(
 )
 
 # Work memory follows the results; those that are always zero are never written, in memory that is zero at first.
-_ENTRY = """
-#ifdef __GNUC__
-  #define EXPORT __attribute__((visibility("default")))
-#else
-  #define EXPORT
-#endif
-{declarations}
-EXPORT long long {name}_lanes_work(void) {{ return {n_w}; }}
-EXPORT void {name}_lanes(const V* const* x, V* const* r, V* w) {{
-{calls}
-}}
-"""
+_ENTRY = _FOLDER.joinpath("entry.c").read_text(encoding="utf-8")
 
 # One pointer from Python costs half as much as CasADi's five arguments. The loop over stages is here because
 # casadi.Function.map copies every output twice and every shared input once per stage.
-_LOOP = """
-EXPORT int lgmpc_evaluate(void** frame) {{
-  double** base = (double**) frame[0];
-  const long long* plan = (const long long*) frame[1];
-  double** now = (double**) frame[2];
-  long long k;
-  int i;
-  for (k = 0; k < plan[0]; ++k) {{
-    for (i = 0; i < {arguments}; ++i) now[i] = base[i] + k * plan[1 + i];
-    {name}_lanes((const double* const*) now, now + {n_in}, (double*) frame[3]);
-  }}
-  return 0;
-}}
-"""
+_LOOP = _FOLDER.joinpath("loop.c").read_text(encoding="utf-8")
 """Entry that evaluates one stage after the other; they may read what those before them wrote."""
 
 _ONE = "#undef LANES\n#define LANES 1\n"

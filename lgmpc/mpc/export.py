@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lgmpc.compile.exported import write_exported
-from lgmpc.compile.image import image_sources
+from lgmpc.compile.image import image_sources, write_exported
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.centroidal import CentroidalMpc

@@ -1,7 +1,5 @@
 """Films of replays: a headless Chromium draws the page's scene, picture after picture, and ffmpeg encodes them."""
 
-from __future__ import annotations
-
 import base64
 import importlib.util
 import os
@@ -10,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,33 +32,11 @@ _BATCH = 8
 
 # The scene's canvas is read in the script that has drawn it: a screenshot would draw all of the page once more. Shadows
 # of half the replay's resolution take a sixth less time.
-_DRAW = """(times) => {
-  const { viewer, seek } = lgmpc, scene = viewer.renderer.domElement, text = (id) => document.getElementById(id);
-  const light = viewer.scene_tree.find(["Lights", "SpotLight", "<object>"]).object.shadow;
-  if (light.mapSize.x > 1024) { light.mapSize.set(1024, 1024); light.map?.dispose(); light.map = null; }
-  const film = document.createElement("canvas");
-  Object.assign(film, { width: scene.width, height: scene.height });
-  const pen = film.getContext("2d");
-  return times.map((time) => {
-    seek(time);
-    viewer.render();
-    pen.drawImage(scene, 0, 0);
-    pen.font = "20px system-ui, 'DejaVu Sans', sans-serif";
-    pen.fillStyle = "#1d2733";
-    const now = `${text("now").textContent} s`, readout = text("readout").textContent.split("\\n");
-    const lines = [text("name").textContent, now, ...readout];
-    lines.forEach((line, k) => pen.fillText(line, 24, 38 + 27 * k));
-    if (text("badge").classList.contains("on")) {
-      pen.fillStyle = "#b34f00";
-      pen.fillText(text("badge").textContent, 24, 38 + 27 * lines.length);
-    }
-    return film.toDataURL("image/jpeg", 0.95).split(",")[1];
-  });
-}"""
+_DRAW = files("lgmpc.viz").joinpath("assets", "film.js").read_text("utf-8")
 
 
 @contextmanager
-def headless_chromium() -> Iterator[Browser]:
+def headless_chromium() -> "Iterator[Browser]":
     """Start a headless Chromium with WebGL, and end it with the block.
 
     Raises:
@@ -132,7 +109,7 @@ def write_film(
         raise RunFolderError(f"cannot write {file}: {reason_of(error)}") from error
 
 
-def _pictures(browser: Browser, page: Path, times: Sequence[float], size: tuple[int, int]) -> Iterator[bytes]:
+def _pictures(browser: "Browser", page: Path, times: Sequence[float], size: tuple[int, int]) -> Iterator[bytes]:
     """Yield a JPEG for each time."""
     tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
     tab.goto(f"{page.resolve().as_uri()}#t=0")

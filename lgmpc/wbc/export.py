@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.compile import densify_function
-from lgmpc.compile.exported import write_exported
+from lgmpc.compile.image import write_exported
 from lgmpc.compile.simd import generate_simd
 from lgmpc.errors import InputError
 from lgmpc.robot.friction import facet_normals, pyramid_half_width
@@ -109,7 +109,7 @@ def _header(wbc: WholeBodyController) -> str:
         fields.append(f"  double {name}[{buffer.size}]; /* {meaning} */")
     fields.append(f"  double friction[{robot.nc}]; /* assumed Coulomb coefficient at each contact point */")
     joints, points = ", ".join(robot.joint_names), ", ".join(map(str, robot.contact_frames))
-    return _HEADER.format(
+    return files("lgmpc.wbc").joinpath("tick.h").read_text("utf-8").format(
         robot=robot.name, joints=joints, points=points, inputs="\n".join(fields),
         nu=robot.nu, nv=robot.nv, forces=3 * robot.nc, tasks=len(tasks),
     )  # fmt: skip
@@ -159,39 +159,3 @@ _REPLAYED = {
     "RESET": "lgmpc_tick_reset", "CALL": "lgmpc_tick_solve", "DESTROY": "lgmpc_tick_destroy",
     "COMPARED(x)": "x.torques", "CALLS": '"ticks"', "RESULTS": '"torques"',
 }  # fmt: skip
-
-_HEADER = """\
-/* The whole-body tick of {robot}: state and targets in, joint torques out. Written by lgmpc.
-
-   Joints, in order: {joints}.
-   Contact points, in order: {points}. */
-#ifndef LGMPC_TICK_H
-#define LGMPC_TICK_H
-
-enum {{ LGMPC_NU = {nu}, LGMPC_TASKS = {tasks} }};
-enum {{ LGMPC_SOLVED, LGMPC_NOT_SOLVED, LGMPC_NOT_FINITE }};
-
-typedef struct {{
-{inputs}
-}} lgmpc_inputs;
-
-typedef struct {{
-  double torques[{nu}]; /* of the joints, N.m */
-  double forces[{forces}]; /* at the contact points, world axes, on the robot, N */
-  double acceleration[{nv}]; /* derivative of v */
-}} lgmpc_outputs;
-
-typedef struct lgmpc_tick lgmpc_tick;
-
-/* Memory of a controller; 0 if there is none. No other function allocates. */
-lgmpc_tick *lgmpc_tick_create(void);
-void lgmpc_tick_destroy(lgmpc_tick *);
-
-/* Discard the warm start. */
-void lgmpc_tick_reset(lgmpc_tick *);
-
-/* Solve a tick. Unless LGMPC_SOLVED is returned, the outputs are as they were: keep the torques and add damping. */
-int lgmpc_tick_solve(lgmpc_tick *, const lgmpc_inputs *, lgmpc_outputs *);
-
-#endif
-"""

@@ -4,8 +4,6 @@ Nothing is printed and nothing raises: a check that fails for any reason reports
 numpy are imported inside the check that requires them, so that a broken package fails its own check only.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib
 import os
@@ -156,7 +154,7 @@ def _check_robot() -> str:
     return f"{robot.name}: {robot.nu} actuated joints, {robot.mass:.2f} kg"
 
 
-def _load_solo12() -> Robot:
+def _load_solo12() -> "Robot":
     from lgmpc.robot import RobotSpec, load_robot
 
     limits: dict[str, Any] = {"effort_limit_nm": 1.8, "velocity_limit_rad_s": 30.0, "position_limit_rad": (-3.0, 3.0)}

@@ -34,11 +34,10 @@ def legible(text: str) -> str:
 
     Names of a config or a robot model may contain such characters, which terminals take for commands.
     """
-    return "".join(c if c.isprintable() or c == "\n" or "\udc80" <= c <= "\udcff" else _escaped(c) for c in text)
-
-
-def _escaped(text: str) -> str:
-    return text.encode("unicode_escape").decode("ascii")
+    return "".join(
+        c if c.isprintable() or c == "\n" or "\udc80" <= c <= "\udcff" else c.encode("unicode_escape").decode()
+        for c in text
+    )
 
 
 def nearest(word: str, choices: Iterable[str], count: int = 3) -> tuple[str, ...]:
@@ -92,9 +91,7 @@ class InputError(LgmpcError, ValueError):
     def __init__(
         self, argument: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
     ) -> None:
-        self.argument = argument
-        self.got = got
-        self.expected = expected
+        self.argument, self.got, self.expected = argument, got, expected
         self.choices = tuple(choices)
         self.suggestions = nearest(str(got) if word is None else word, self.choices)
         super().__init__(self._message())
@@ -129,8 +126,7 @@ class ConfigError(InputError):
     def __init__(
         self, file: str, key: str, got: object, expected: str, choices: Sequence[str] = (), *, word: str | None = None
     ) -> None:
-        self.file = file
-        self.key = key
+        self.file, self.key = file, key
         self.problems: tuple[ConfigError, ...] = (self,)
         super().__init__(f"{file}: {key}" if key else file, got, expected, choices, word=word)
 
@@ -171,9 +167,7 @@ class CompileError(LgmpcError):
     """The C compiler failed; ``log`` is its output."""
 
     def __init__(self, function: str, command: str, log: str) -> None:
-        self.function = function
-        self.command = command
-        self.log = log
+        self.function, self.command, self.log = function, command, log
         super().__init__(f"compiling '{function}' failed: {shortened(command)}\n{log[-2000:]}")
 
 
@@ -183,9 +177,7 @@ class SolverError(LgmpcError):
     exit_code = 1
 
     def __init__(self, solver: str, status: str, remedy: str) -> None:
-        self.solver = solver
-        self.status = status
-        self.remedy = remedy
+        self.solver, self.status, self.remedy = solver, status, remedy
         super().__init__(f"{solver}: {status}. {remedy}")
 
 
@@ -193,9 +185,7 @@ class MissingDependencyError(LgmpcError):
     """A package that an optional part requires is not installed; the message contains the command that installs it."""
 
     def __init__(self, package: str, needed_for: str, install: str) -> None:
-        self.package = package
-        self.needed_for = needed_for
-        self.install = install
+        self.package, self.needed_for, self.install = package, needed_for, install
         super().__init__(f"{needed_for} needs the package '{package}'. Install it with: {install}")
 
 

@@ -24,7 +24,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
-MOST_LINES, MOST_FILES = 64_200, 348
+MOST_LINES, MOST_FILES = 62_500, 344
 """Of the package (scripts/size.py prints them by room). Something goes before something is added."""
 
 # Every subpackage may import these.
@@ -63,7 +63,6 @@ ARROWS: dict[str, str] = {
     "config.robots": "robot world locomotion control simulation runs",
     "config.build": f"{_PARTS} world simulation control runs",
     "config.maneuvers": "robot control problems runs",
-    "config.maps": "locomotion robot simulation world",
     "config.solving": "actions ocp problems robot runs solvers",
     "config.closed_loop": f"{_PARTS} world simulation control runs",
     "config.deploying": f"{_PARTS} world simulation control hardware runs",

@@ -16,7 +16,7 @@ from lgmpc.config.robots import joint_limits
 from lgmpc.runs import RunLog, compute_metrics, flat_metrics
 from lgmpc.runs.certificate import Balances, certify, window_edges
 from lgmpc.runs.limited import limited_quantities
-from lgmpc.simulation.balances import momentum_and_energy
+from lgmpc.simulation.parameters import momentum_and_energy
 from lgmpc.world import World
 from tests.support.displaced import DISPLACEMENTS, Displacement
 

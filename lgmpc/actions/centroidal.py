@@ -65,8 +65,7 @@ class CentroidalAction(Action):
             raise InputError("contacts", contacts, "at least one contact point")
         instance("facets", facets, (int, np.integer), "a whole number")
         check_facets(facets)
-        self.contacts = contacts
-        self.facets = facets
+        self.contacts, self.facets = contacts, facets
         self.feet = (1,) * contacts if feet is None else tuple(int(count) for count in feet)
         if sum(self.feet) != contacts or min(self.feet) < 1:
             raise InputError("feet", self.feet, f"numbers of points of feet with {contacts} points together")

@@ -1,7 +1,5 @@
 """A set of contacts of a robot's frames with the ground, switched by flags that are parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -207,7 +205,7 @@ class ContactSet:
     def _rotation(self, robot: SymbolicModel, q: Any, contact: Contact) -> Any:
         return robot.frame_placement(q, contact.frame).rotation
 
-    def solver(self, robot: SymbolicModel, q: Any, values: Mapping[str, Any]) -> ContactSolver:
+    def solver(self, robot: SymbolicModel, q: Any, values: Mapping[str, Any]) -> "ContactSolver":
         """Return the solver of the equations above at a configuration."""
         return ContactSolver(robot.crba(q), self.jacobian(robot, q), self.flags(values), values["contact_damping"])
 

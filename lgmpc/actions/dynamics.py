@@ -58,8 +58,7 @@ class Dynamics(ABC):
         self.model = model
         self.robot = SymbolicModel(model)
         self.state = StateMultibody(model)
-        self.nu = nu
-        self.parameters = parameters
+        self.nu, self.parameters = nu, parameters
 
     @abstractmethod
     def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:

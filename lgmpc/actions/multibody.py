@@ -64,10 +64,7 @@ class ItemAction(Action):
         constraints: Sequence[ConstraintItem],
     ) -> None:
         identifier("name", name)
-        self.name = name
-        self.robot = robot
-        self.state = state
-        self.nu = nu
+        self.name, self.robot, self.state, self.nu = name, robot, state, nu
         self.costs = _items("costs", costs, CostItem)
         self.constraints = _items("constraints", constraints, ConstraintItem)
         items, own = (*self.costs, *self.constraints), tuple(parameters)

@@ -5,8 +5,6 @@ faster. Here a simulator, a table or a learned model can be an interval. All sol
 actions; nothing of it is compiled.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -69,7 +67,7 @@ class _Callback(ca.Callback):
     """
 
     def __init__(
-        self, action: PythonAction, part: str, inputs: tuple[str, ...], outputs: _Shapes, function: Callable[..., Any]
+        self, action: "PythonAction", part: str, inputs: tuple[str, ...], outputs: _Shapes, function: Callable[..., Any]
     ) -> None:
         super().__init__()
         sizes = {"x": action.state.nx, "u": action.nu, "x_next": action.state.nx, "p": action.parameters.size}

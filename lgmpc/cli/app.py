@@ -1,7 +1,5 @@
 """The commands: their names, arguments and options. Examples are in :mod:`lgmpc.cli.help`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -127,7 +125,7 @@ def live(
     from lgmpc.live.viewing import Viewing
 
     @cache
-    def load() -> Config:
+    def load() -> "Config":
         from lgmpc.config import load_config
 
         return load_config(config, [*overrides, *more])

@@ -1,14 +1,12 @@
 """``lgmpc run``, ``deploy``, ``robot`` and ``solve``: progress, and the result."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.text import Text
@@ -19,16 +17,14 @@ from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
 from lgmpc.config.session import Iteration, Progress, stop_signals
 from lgmpc.errors import InputError, Interrupted
+from lgmpc.hardware import Deployment
+from lgmpc.live.viewing import Link
+from lgmpc.robot import Robot
 from lgmpc.runs import Outcome
 from lgmpc.runs.certificate import Certificate
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.metrics import timing
 from lgmpc.runs.tables import limits_table
-
-if TYPE_CHECKING:
-    from lgmpc.hardware import Deployment
-    from lgmpc.live.viewing import Link
-    from lgmpc.robot import Robot
 
 
 def run_shown(
@@ -65,7 +61,7 @@ def _viewed(
         return viewed_config(config, link, folder, notify=notify, progress=progress)
 
 
-def live_shown(config: Config, link: Link, folder: Path, duration_s: float) -> None:
+def live_shown(config: Config, link: "Link", folder: Path, duration_s: float) -> None:
     """Simulate ``config`` in real time, driven from a page, and print where the run was saved."""
     from lgmpc.live.session import live_config
 
@@ -150,7 +146,7 @@ class RobotEnd(NamedTuple):
     secret: Path | None
     interface: str
 
-    def end(self, *, robots: bool, period: float = 0.0) -> Callable[[Robot], Any]:
+    def end(self, *, robots: bool, period: float = 0.0) -> "Callable[[Robot], Any]":
         """Return the constructor of the controller's or the robot's end; ``period`` is that of the ticks, s."""
         if self.driver == "odri":
             if robots:
@@ -180,7 +176,7 @@ def deploy_shown(
     dry_run: bool = False,
     as_json: bool = False,
     quiet: bool = False,
-    page: Link | None = None,
+    page: "Link | None" = None,
 ) -> int:
     """Run ``config`` on a robot, driven from a page if there is one; print the verdict, and return the exit code."""
     from lgmpc.config.deploying import deploy_config
@@ -226,7 +222,7 @@ def serve_shown(config: Config, link: RobotEnd, *, lock_step: bool) -> int:
     return 0 if served.signal is None else Interrupted(served.signal).exit_code
 
 
-def _link(deployment: Deployment) -> dict[str, float]:
+def _link(deployment: "Deployment") -> dict[str, float]:
     spent = timing(1e3 * deployment.spent)
     return {
         "measurements_answered": deployment.ticks,

@@ -3,8 +3,6 @@
 Results go to stdout; progress, notes and errors to stderr.
 """
 
-from __future__ import annotations
-
 import errno
 import functools
 import json
@@ -71,7 +69,7 @@ def err() -> Console:
     return _Console(stderr=True, highlight=False, soft_wrap=True)
 
 
-def show_table(table: Table) -> None:
+def show_table(table: "Table") -> None:
     """Print a table without lines: columns of numbers to the right, rows in the style of their marks."""
     shown = RichTable(box=None, padding=(0, 2, 0, 0), header_style="dim", show_header=any(table.headings))
     for heading, *cells in zip(table.headings, *table.rows, strict=True):
@@ -103,7 +101,7 @@ def _show_crash(error: Exception, report: Path | None) -> None:
         console.print(f"Please send that file to {ISSUES_URL}; `lgmpc doctor` checks the installation.")
 
 
-def show_verdict(console: Console, verdict: Verdict, name: str) -> None:
+def show_verdict(console: Console, verdict: "Verdict", name: str) -> None:
     """Print a verdict with its reasons."""
     style = {"pass": "bold green", "fail": "bold red", "interrupted": "bold yellow"}[verdict.outcome.value]
     console.print(Text.assemble((verdict.outcome.value.upper(), style), f"  {name}"))
@@ -116,7 +114,7 @@ def show_page(file: Path) -> None:
     out().print(f"wrote {file} ({file.stat().st_size / 1e6:.1f} MB): open it in any browser", markup=False)
 
 
-def print_result(path: Path, result: RunResult | SolveResult) -> None:
+def print_result(path: Path, result: "RunResult | SolveResult") -> None:
     """Print the content of ``run.json``, and its folder, as JSON."""
     print(json.dumps({"folder": str(path), **json.loads(result.to_json())}, indent=2))
 

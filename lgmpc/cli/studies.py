@@ -5,42 +5,34 @@ from typing import Annotated
 
 import typer
 
-from lgmpc.cli.options import (
-    AsJson,
-    MoreOverrides,
-    Overrides,
-    Quiet,
-    RunsFolder,
-    argument,
-    complete_run,
-    complete_sweep,
-    option,
-)
+from lgmpc.cli import options
 
 
 def sweep(
     file: Annotated[
         Path,
-        argument(
+        options.argument(
             "A YAML file, or the name of a shipped sweep (`lgmpc configs` lists them).",
             metavar="SWEEP",
-            complete=complete_sweep,
+            complete=options.complete_sweep,
         ),
     ],
-    more: MoreOverrides = [],  # noqa: B006
-    overrides: Overrides = [],  # noqa: B006
-    out: Annotated[Path | None, option("Folder of the results; sweeps/NAME if not given.", "--out")] = None,
-    workers: Annotated[int | None, option("Worker processes; one for each processor if not given.")] = None,
+    more: options.MoreOverrides = [],  # noqa: B006
+    overrides: options.Overrides = [],  # noqa: B006
+    out: Annotated[Path | None, options.option("Folder of the results; sweeps/NAME if not given.", "--out")] = None,
+    workers: Annotated[int | None, options.option("Worker processes; one for each processor if not given.")] = None,
     part: Annotated[
-        str, option("Compute every N-th point only, from the K-th on, as one of N machines.", metavar="K/N")
+        str, options.option("Compute every N-th point only, from the K-th on, as one of N machines.", metavar="K/N")
     ] = "1/1",
     resume: Annotated[bool, typer.Option("--resume", help="Continue in an existing folder.")] = False,
     dataset: Annotated[
         Path | None,
-        option("Write the kept runs (`logs.keep`) for imitation too: LeRobot's folder, or an .hdf5 file.", "--dataset"),
+        options.option(
+            "Write the kept runs (`logs.keep`) for imitation too: LeRobot's folder, or an .hdf5 file.", "--dataset"
+        ),
     ] = None,
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    as_json: options.AsJson = False,
+    quiet: options.Quiet = False,
 ) -> int:
     """Run a config at many points: grids, random draws, paired variants, searches of a boundary.
 
@@ -62,13 +54,17 @@ def sweep(
 def compare(
     first: Annotated[
         str,
-        typer.Argument(metavar="A", help="A run folder, `latest`, or a sweep's folder.", autocompletion=complete_run),
+        typer.Argument(
+            metavar="A", help="A run folder, `latest`, or a sweep's folder.", autocompletion=options.complete_run
+        ),
     ],
-    second: Annotated[str, typer.Argument(metavar="B", help="A run or sweep like A.", autocompletion=complete_run)],
+    second: Annotated[
+        str, typer.Argument(metavar="B", help="A run or sweep like A.", autocompletion=options.complete_run)
+    ],
     margin: Annotated[float, typer.Option(help="Share by which B may be worse without failing.")] = 0.05,
     metric: Annotated[list[str], typer.Option(help="Judge this metric too; may be repeated.", show_default=False)] = [],  # noqa: B006
-    runs: RunsFolder = Path("runs"),
-    as_json: AsJson = False,
+    runs: options.RunsFolder = Path("runs"),
+    as_json: options.AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show only the verdict.")] = False,
 ) -> int:
     """Compare two runs or two sweeps: configs, metrics, differences in pairs with 95 % intervals.

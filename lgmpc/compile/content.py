@@ -42,8 +42,7 @@ class Content:
     """
 
     def __init__(self, data: bytes, originals: list[Any]) -> None:
-        self.data = data
-        self.originals = originals
+        self.data, self.originals = data, originals
 
     def restored(self) -> Any:
         """Return a copy of the value, which contains nothing that is not in the data."""
@@ -99,8 +98,7 @@ class _Writer:
     def __init__(self, name_of: Callable[[ctypes.CDLL], str] | None) -> None:
         self.numbers: list[bytes] = []
         self.originals: list[Any] = []
-        self._name_of = name_of
-        self._size = 0
+        self._name_of, self._size = name_of, 0
         self._known: dict[
             int, tuple[int, Any]
         ] = {}  # with the objects, whose addresses are theirs as long as they live
@@ -178,9 +176,7 @@ class _Reader:
     """Values of trees."""
 
     def __init__(self, numbers: bytes, library: Callable[[str], ctypes.CDLL], originals: list[Any] | None) -> None:
-        self._numbers = numbers
-        self._library = library
-        self._originals = originals
+        self._numbers, self._library, self._originals = numbers, library, originals
         self._made: list[Any] = []
 
     def read(self, tree: Any) -> Any:

@@ -31,15 +31,7 @@ from typing import Any, TypeVar
 import casadi
 
 from lgmpc import __imported_ns__
-from lgmpc.compile.cache import (
-    cache_folder,
-    discard,
-    is_whole,
-    private_folder,
-    read_private,
-    request_key,
-    write_private,
-)
+from lgmpc.compile import cache
 from lgmpc.compile.compiler import compiler_for_functions
 from lgmpc.compile.content import Content, NoContentError, read_content, write_content
 
@@ -89,7 +81,7 @@ def cached(make: Callable[..., T], *arguments: Any) -> T:
     index = None if content is None else _index()
     if compiler is None or content is None or index is None:
         return make(*arguments)
-    key = request_key(*_versions(), compiler.identity, hashlib.sha256(content.data).hexdigest())
+    key = cache.request_key(*_versions(), compiler.identity, hashlib.sha256(content.data).hexdigest())
     entry = index / key
     found: list[T] = _read(entry)
     if not found:
@@ -124,7 +116,11 @@ def _index() -> Path | None:
     """
     sources = _sources()
     try:
-        return None if sources is None else private_folder(private_folder(cache_folder() / "kernels") / sources)
+        return (
+            None
+            if sources is None
+            else cache.private_folder(cache.private_folder(cache.cache_folder() / "kernels") / sources)
+        )
     except OSError as error:
         _log.debug("no index: %s", error)
         return None
@@ -156,14 +152,14 @@ def _changed() -> bool:
 
 def _read(entry: Path) -> list[Any]:
     """Return the value of an entry, as a list of one; an empty list if there is none that can be used."""
-    data = read_private(entry) or b""
+    data = cache.read_private(entry) or b""
     try:
         if hashlib.sha256(data[_DIGEST:]).digest() != data[:_DIGEST]:
             raise NoContentError("its content is not what was written")
         return [read_content(data[_DIGEST:], _library)]
     except (NoContentError, OSError) as error:  # a library that it names is gone, or damaged
         _log.debug("index entry %s is made again: %s", entry.name, error)
-        discard(entry)
+        cache.discard(entry)
         return []
 
 
@@ -175,7 +171,7 @@ def _write(entry: Path, value: Any) -> None:
         data = write_content(value, _library_name).data
         _keep_youngest(entry.parent.parent, _STATES)
         _keep_youngest(entry.parent, _ENTRIES)
-        write_private(entry, hashlib.sha256(data).digest() + data)
+        cache.write_private(entry, hashlib.sha256(data).digest() + data)
     except (NoContentError, OSError) as error:  # what is not written is made again
         _log.debug("index entry %s is not written: %s", entry.name, error)
 
@@ -190,13 +186,13 @@ def _keep_youngest(folder: Path, most: int) -> None:
             if path.is_dir():
                 shutil.rmtree(path, ignore_errors=True)
             else:
-                discard(path)
+                cache.discard(path)
 
 
 def _library_name(library: ctypes.CDLL) -> str:
     """Return the name of a library's file, which holds the hash of its bytes."""
     path = Path(library._name)
-    if path.parent != cache_folder():
+    if path.parent != cache.cache_folder():
         raise NoContentError(f"{path} is not in the cache")
     return path.name
 
@@ -204,11 +200,11 @@ def _library_name(library: ctypes.CDLL) -> str:
 def _library(name: str) -> ctypes.CDLL:
     if Path(name).name != name:
         raise NoContentError(f"a library {name}")
-    return _load(str(cache_folder() / name))
+    return _load(str(cache.cache_folder() / name))
 
 
 @functools.lru_cache(maxsize=1024)
 def _load(path: str) -> ctypes.CDLL:
-    if not is_whole(Path(path)):
+    if not cache.is_whole(Path(path)):
         raise FileNotFoundError(path)
     return ctypes.CDLL(path)

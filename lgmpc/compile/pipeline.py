@@ -5,8 +5,6 @@ matrix: a solve with many right-hand sides is then the code of one, and takes a 
 libraries are those of the single functions, a change of one compiles no other.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -65,7 +63,11 @@ class Pipeline:
 
     def __post_init__(self) -> None:
         """Leave out the steps that no output depends on."""
-        needed = {name for output in self.outputs.values() for name in _columns_of(output)}
+        needed = {
+            name
+            for output in self.outputs.values()
+            for name in ([output] if isinstance(output, str) else [column for column, _ in output])
+        }
         steps = []
         for step in reversed(self.steps):
             if needed.intersection(step.results):
@@ -74,7 +76,7 @@ class Pipeline:
         object.__setattr__(self, "steps", tuple(reversed(steps)))
 
     @classmethod
-    def of(cls, function: casadi.Function) -> Pipeline:
+    def of(cls, function: casadi.Function) -> "Pipeline":
         """Return the pipeline of one function, with the names of its arguments and results."""
         given, results = function.name_in(), function.name_out()
         names = tuple(f"result_{name}" for name in results)
@@ -134,10 +136,6 @@ class Pipeline:
         return casadi.Function(self.name, given, outputs, list(self.inputs), list(self.outputs))
 
 
-def _columns_of(output: str | Entries) -> set[str]:
-    return {output} if isinstance(output, str) else {column for column, _ in output}
-
-
 def load_pipeline(pipeline: Pipeline, compiler: Compiler) -> list[ctypes.CDLL]:
     """Load the libraries of the driver and of each step, built first where they are not cached.
 
@@ -176,7 +174,7 @@ class PipelineLayout:
     work: int
 
     @classmethod
-    def of(cls, pipeline: Pipeline) -> PipelineLayout:
+    def of(cls, pipeline: Pipeline) -> "PipelineLayout":
         """Return the layout of a pipeline."""
         sizes, places = pipeline.sizes, pipeline.places
         plan: list[int] = []

@@ -7,9 +7,8 @@ import numpy as np
 
 from lgmpc.compile import reporting
 from lgmpc.config.closed_loop import ClosedLoopSession
-from lgmpc.config.extensions import own_costs, own_tasks
+from lgmpc.config.extensions import called, load_extension, own_costs, own_tasks, wrong
 from lgmpc.config.maneuvers import build_maneuvers
-from lgmpc.config.maps import build_map
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, Session
@@ -21,6 +20,8 @@ from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor, JointFaultMonitor, JointFrictionEstimator, LeggedEstimator
 from lgmpc.estimation.joint_faults import legs_of_three
 from lgmpc.locomotion.command import CommandTimeline
+from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.maps import ElevationMap, KnownMap, KnownMapSettings, NoMap, OwnMapSettings, SeenMap
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import Mpc, make_mpc
 from lgmpc.robot import Robot
@@ -31,12 +32,14 @@ from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Hardware, Rates, Sensing, TrueState
 from lgmpc.simulation.parameters import real_effort_limit
 from lgmpc.simulation.plant import Plant, make_plant
-from lgmpc.simulation.sensors import Sensors
+from lgmpc.simulation.sensors import DepthScan, Sensors
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, standard_tasks
 from lgmpc.world import World, make_world
 
-_LINK, _DRIVES, _COMPUTING = 1, 2, 3
+_MAP, _RANGE, _ABOVE = "locomotion.terrain.map", 5.0, 0.5
+"""Key of the map, and defaults of what is seen, in heights of the centre of mass."""
+_LINK, _DRIVES, _COMPUTING, _MAP_ERRORS = 1, 2, 3, 5
 """Numbers of the random streams besides that of the sensors, each seeded by the config's seed."""
 
 
@@ -117,6 +120,41 @@ def build_controller(
     if elevation is not None:
         controller.feet.read_map(elevation, controller.wbc.terms.q[:7])
     return controller
+
+
+def build_map(
+    config: Config, robot: Robot, world: World | None = None, pose: Callable[[], Array] | None = None
+) -> ElevationMap | None:
+    """Return the map of key ``locomotion.terrain.map``, or None.
+
+    Args:
+        config: the closed loop.
+        robot: the controller's model.
+        world: of the simulated robot, if it is one.
+        pose: returns the true pose (7,) of its base.
+
+    Raises:
+        ConfigError: one's own class cannot be used, or a map of the simulated world on a robot.
+    """
+    settings = config.locomotion.terrain.map
+    if isinstance(settings, NoMap):
+        return None
+    if isinstance(settings, OwnMapSettings):
+        found = called(config, _MAP, settings, load_extension(config, _MAP, settings.use))
+        if not isinstance(found, ElevationMap):
+            raise wrong(config, _MAP, settings, found, "an object with update, height and steppable")
+        return found
+    if world is None or pose is None:
+        raise config.error(f"{_MAP}.kind", f"'{settings.kind}' without a simulated world", "'none' or 'own'")
+    height = LegGeometry.of(robot).height
+    rng = np.random.default_rng((config.seed if settings.seed is None else settings.seed, _MAP_ERRORS))
+    if isinstance(settings, KnownMapSettings):
+        return KnownMap(world.height, settings, height, rng)
+    reach = _RANGE * height if settings.range_m is None else settings.range_m
+    above = _ABOVE * height if settings.above_m is None else settings.above_m
+    seen = SeenMap(lambda: scan(), settings, height)
+    scan = DepthScan(world.height, pose, reach, seen.cell, above, settings.noise_m, rng)
+    return seen
 
 
 def build_mpc(config: Config, robot: Robot, notify: Notify = lambda message: None) -> Mpc:

@@ -1,7 +1,5 @@
 """The session of a closed loop: plant, controller and pushes, recorded and judged."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable
@@ -27,10 +25,9 @@ from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.ground import ground_below, leg_length
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
-from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Hardware, Loop, Rates, Sensing, Tick, TrueState
-from lgmpc.simulation.parameters import PlantSettings, real_effort_limit
+from lgmpc.simulation.parameters import PlantSettings, momentum_and_energy, real_effort_limit
 from lgmpc.simulation.plant import Plant
 from lgmpc.status import Status
 from lgmpc.typing import Array
@@ -122,7 +119,7 @@ class ClosedLoopSession:
     sensing: Sensing | TrueState | None = None
     hardware: Hardware | None = None
     estimator: LeggedEstimator | None = None
-    earlier: tuple[tuple[ClosedLoopSession, int], ...] = ()
+    earlier: "tuple[tuple[ClosedLoopSession, int], ...]" = ()
     watch: Callable[[Tick], bool] | None = None
     _loop: Loop = field(init=False, repr=False)
     _elapsed: float = field(init=False, default=0.0)
@@ -197,7 +194,7 @@ class ClosedLoopSession:
             self._elapsed += perf_counter() - started
             self._fell_s = observer.fell_s
 
-    def _continue(self, before: ClosedLoopSession) -> None:
+    def _continue(self, before: "ClosedLoopSession") -> None:
         """Continue the run of another session, whose every state this one's sensors and controllers receive first."""
         samples = before._loop.samples
         assert samples is not None

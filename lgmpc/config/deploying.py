@@ -1,7 +1,5 @@
 """The two ends of a deployment, from one config: the controllers on a robot, and a simulated robot to test them."""
 
-from __future__ import annotations
-
 import json
 import logging
 import math
@@ -51,7 +49,7 @@ def deploy_config(
     progress: ProgressReport = ignore,
     operator: Operator | None = None,
     dry_run: bool = False,
-    prepared: Callable[[DeploymentSession], None] = ignore,
+    prepared: "Callable[[DeploymentSession], None]" = ignore,
 ) -> tuple[FinishedRun, Deployment]:
     """Run the controllers of ``config`` on a robot, in real time, and save the run.
 
@@ -142,7 +140,7 @@ def serve_config(
         return serve(plant, build_sensors(config, robot), pushes, rates, pace, world, hardware)
 
 
-def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) -> DeploymentSession:
+def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) -> "DeploymentSession":
     if config.changes:
         raise config.error("changes", f"{len(config.changes)} entries", "none: only simulated runs change settings")
     notify("loading the robot")

@@ -1,7 +1,5 @@
 """Execution of configs: run a closed loop, or solve a problem, and save it in a run folder."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -27,16 +25,16 @@ from lgmpc.config.session import (
 )
 from lgmpc.config.solving import prepare_solve
 from lgmpc.errors import InputError, Interrupted
+from lgmpc.ocp import ShootingProblem
+from lgmpc.problems import Scenario
+from lgmpc.robot import Robot
 from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
 from lgmpc.runs.result import SettingsChange
 from lgmpc.settings.dotted import differing
+from lgmpc.solvers import Solution
 from lgmpc.world import Course, Heights
 
 if TYPE_CHECKING:
-    from lgmpc.ocp import ShootingProblem
-    from lgmpc.problems import Scenario
-    from lgmpc.robot import Robot
-    from lgmpc.solvers import Solution
     from lgmpc.viz import Plots
 
 
@@ -100,7 +98,7 @@ class _Finished:
 
         return show(self.folder.path, html)
 
-    def plot(self) -> Plots:
+    def plot(self) -> "Plots":
         """Draw its figures; see :func:`lgmpc.plot`."""
         from lgmpc.config.showing import plot
 
@@ -217,20 +215,20 @@ class FinishedSolve(_Finished):
 
     result: SolveResult
     outcome: SolveOutcome = field(repr=False)
-    scenario: Scenario = field(repr=False)
+    scenario: "Scenario" = field(repr=False)
 
     @property
-    def solution(self) -> Solution:
+    def solution(self) -> "Solution":
         """States, controls, gains and multipliers."""
         return self.outcome.solution
 
     @property
-    def robot(self) -> Robot:
+    def robot(self) -> "Robot":
         """The robot of the problem."""
         return self.scenario.robot
 
     @property
-    def problem(self) -> ShootingProblem:
+    def problem(self) -> "ShootingProblem":
         """The optimal control problem."""
         return self.scenario.problem
 

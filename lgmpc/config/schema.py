@@ -4,8 +4,6 @@ A document composes the packages' own settings and checks the conditions between
 values (file and line, or ``--set``) for messages. Units are in the keys' names.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -128,7 +126,7 @@ class ManeuverSource(Settings):
     run: str | None = key(None, "Run folder of a solved problem, in place of a problem.")
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> ManeuverSource:
+    def _one_of_both(self) -> "ManeuverSource":
         if (self.problem is None) is (self.run is None):
             raise problem("either problem or run", "run", self.run)
         if self.run is not None and self.set:
@@ -194,7 +192,7 @@ class Config(Document):
         return round(self.wbc.rate_hz / self.log.rate_hz)
 
     @model_validator(mode="after")
-    def _rates_divide(self) -> Config:
+    def _rates_divide(self) -> "Config":
         """Check that every rate is a faster one divided by a whole number: the loop counts plant steps."""
         pairs = [
             ("wbc.rate_hz", self.wbc.rate_hz, "plant.rate_hz", self.plant.rate_hz),
@@ -214,7 +212,7 @@ class Config(Document):
             raise problems(found)
         return self
 
-    def parts(self) -> tuple[tuple[float, Config], ...]:
+    def parts(self) -> "tuple[tuple[float, Config], ...]":
         """Return the beginning, s, and the config of each part of the run: before the first change, after it, ...
 
         Raises:
@@ -226,7 +224,7 @@ class Config(Document):
         return tuple(found)
 
     @model_validator(mode="after")
-    def _changes_can_be_made(self) -> Config:
+    def _changes_can_be_made(self) -> "Config":
         part, last = self.replace({"changes": ()}) if self.changes else self, 0.0
         half = 0.5 / self.wbc.rate_hz
         for i, change in enumerate(self.changes):
@@ -254,7 +252,7 @@ class Config(Document):
         return self
 
     @model_validator(mode="after")
-    def _has_ticks(self) -> Config:
+    def _has_ticks(self) -> "Config":
         """Check the number of ticks, all of which are recorded in memory."""
         ticks, rate = self.duration_s * self.wbc.rate_hz, self.wbc.rate_hz
         if not 0.5 < ticks <= MOST_TICKS:

@@ -1,23 +1,17 @@
 """Sessions, which are run once, their progress reports and results, and the signals that stop them."""
 
-from __future__ import annotations
-
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import FrameType
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from lgmpc import solvers
 from lgmpc.errors import Interrupted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
-    from lgmpc.runs.certificate import Certificate
-    from lgmpc.solvers import Solution
+from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
+from lgmpc.runs.certificate import Certificate
+from lgmpc.solvers import Solution
 
 
 @dataclass(frozen=True)

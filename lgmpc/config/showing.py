@@ -1,7 +1,5 @@
 """Replay, figures, explanation and report of a saved run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +10,14 @@ from lgmpc.config.loading import parse_any_config
 from lgmpc.config.robots import build_any_robot, joint_limits
 from lgmpc.config.solving import solution_as_run
 from lgmpc.errors import InputError
+from lgmpc.problems import Scenario
 from lgmpc.robot import Robot
 from lgmpc.runs import Run, SolvedRun, TrajectoryLog, load_run
 from lgmpc.runs.figures import figure_of
 from lgmpc.runs.folder import CONFIG_FILE
 from lgmpc.runs.forensics import Explanation, explain_run
 from lgmpc.runs.limited import Nearest, figure_margin
+from lgmpc.solvers import History, Solution
 from lgmpc.viz import Plots, embed_page, in_notebook, open_page, plot_run, replay_page, run_report, write_page
 from lgmpc.viz.film import FILM_KINDS, write_film
 from lgmpc.viz.recordings import write_mcap, write_rrd
@@ -25,11 +25,9 @@ from lgmpc.world import World, make_world
 
 if TYPE_CHECKING:
     from lgmpc.config.execution import FinishedRun, FinishedSolve
-    from lgmpc.problems import Scenario
-    from lgmpc.solvers import History, Solution
 
 
-def show(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path | None:
+def show(run: "str | Path | FinishedRun | FinishedSolve", html: str | Path | None = None) -> Path | None:
     """Replay a run: embedded in a notebook, else as ``replay.html`` in its folder, which the browser opens.
 
     Args:
@@ -51,7 +49,7 @@ def _replay(run: Run | SolvedRun) -> str:
     return replay_page(_robot_of(run), run, _ground_of(run))
 
 
-def export(run: str | Path | FinishedRun | FinishedSolve, file: str | Path, table: str | None = None) -> Path:
+def export(run: "str | Path | FinishedRun | FinishedSolve", file: str | Path, table: str | None = None) -> Path:
     """Write a run for other tools, in the format that the file's suffix names.
 
     Args:
@@ -137,7 +135,7 @@ def _display(page: str, html: str | Path | None, default: Path) -> Path | None:
     return file
 
 
-def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
+def plot(run: "str | Path | FinishedRun | FinishedSolve") -> Plots:
     """Draw the figures of a run: motion, forces, torques, timings.
 
     Args:
@@ -154,7 +152,7 @@ def plot(run: str | Path | FinishedRun | FinishedSolve) -> Plots:
     return plot_run(_robot_of(loaded), loaded)
 
 
-def explain(run: str | Path | FinishedRun | FinishedSolve) -> Explanation:
+def explain(run: "str | Path | FinishedRun | FinishedSolve") -> Explanation:
     """Find the events that led to the failure of a closed loop, or the course and end of a solve.
 
     Args:
@@ -203,7 +201,7 @@ def _controls(log: TrajectoryLog) -> Iterator[Nearest]:
             )
 
 
-def report(run: str | Path | FinishedRun | FinishedSolve, html: str | Path | None = None) -> Path:
+def report(run: "str | Path | FinishedRun | FinishedSolve", html: str | Path | None = None) -> Path:
     """Write a report of a run: one self-contained page with verdict, events, figures, replay, config and versions.
 
     Args:
@@ -240,7 +238,7 @@ def _config_of(run: Run | SolvedRun) -> Any:
     return parse_any_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path)
 
 
-def _load(run: str | Path | FinishedRun | FinishedSolve) -> Run | SolvedRun:
+def _load(run: "str | Path | FinishedRun | FinishedSolve") -> Run | SolvedRun:
     return load_run(run if isinstance(run, str | Path) else run.folder.path)
 
 

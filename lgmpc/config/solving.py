@@ -3,8 +3,6 @@
 Solutions of user-defined problems have the form of a run folder's content too, for replays and figures.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -120,7 +118,7 @@ _SOLVER_FIGURES = (
 )
 
 
-def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None) -> SolveSession:
+def prepare_solve(config: SolveConfig, *, notify: Notify = lambda message: None) -> "SolveSession":
     """Build the session of a solve; compiles what is not in the cache.
 
     Args:

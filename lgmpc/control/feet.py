@@ -103,8 +103,7 @@ class Feet:
         self._headings = [] if self.points.single else [HeadingTrajectory() for _ in range(robot.nf)]
         self.targets = self.position if self.points.single else np.zeros((robot.nc, 3))
         self.lost = np.zeros(robot.nf, dtype=np.bool_)
-        self._level = True
-        self.roughness = 0.0
+        self._level, self.roughness = True, 0.0
         self.shifts: Array | None = None
         self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
         self._points: Array = np.zeros((robot.nf, 3))  # of the feet, as measured last

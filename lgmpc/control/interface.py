@@ -5,8 +5,6 @@ no other module of the package. The values are tuples with names: made at every 
 dataclasses.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from functools import cache
@@ -109,13 +107,13 @@ class Command(NamedTuple):
         return next((f"{name}[{k}] is {x}" for name, k, x in found if not math.isfinite(x)), "a sum is not finite")
 
     @classmethod
-    def feed_forward(cls, tau: Array, joints: Array) -> Command:
+    def feed_forward(cls, tau: Array, joints: Array) -> "Command":
         """Return the command of the torque ``tau`` alone, at joint positions ``joints`` (nu,)."""
         none = zeros(tau.size)
         return cls(tau, joints, none, none, none)
 
     @classmethod
-    def damping(cls, tau: Array, joints: Array, kd: float) -> Command:
+    def damping(cls, tau: Array, joints: Array, kd: float) -> "Command":
         """Return the command that holds the torque ``tau`` and damps the joints: the safe one after a failure.
 
         Of the positions ``joints`` (nu,), those that are not finite become zero: their gains are.
@@ -156,8 +154,7 @@ class CommandGuard:
     """
 
     def __init__(self, damping: float, limits: Command | None = None) -> None:
-        self.faults = 0
-        self._damping, self._faulty, self._limits = damping, False, limits
+        self.faults, self._damping, self._faulty, self._limits = 0, damping, False, limits
 
     def check(self, command: Command, time: float, q: Array) -> Command:
         """Return the command of ``time`` (s), or damping of the joints, whose positions are the last nu of ``q``."""

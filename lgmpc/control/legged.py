@@ -1,7 +1,5 @@
 """The controller of a legged robot: commands and measured state in, joint command out."""
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping, Sequence
@@ -146,7 +144,7 @@ class LeggedController:
         for each in self._estimators:
             each.reset()
 
-    def take_estimates(self, other: LeggedController) -> None:
+    def take_estimates(self, other: "LeggedController") -> None:
         """Continue with another controller's estimates of what its commands, which acted, did to the robot."""
         theirs = {type(each): each for each in other._estimators}
         for mine in self._estimators:

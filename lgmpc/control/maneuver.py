@@ -1,7 +1,5 @@
 """Manoeuvres: planned motions, also through the air, sampled at the controller's ticks."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -71,7 +69,7 @@ class Maneuver:
     @classmethod
     def of(
         cls, name: str, robot: Robot, times: Array, xs: Array, flags: BoolArray, forces: Array, period: float
-    ) -> Maneuver:
+    ) -> "Maneuver":
         """Sample a planned trajectory that leads from standing to standing; arguments as of :meth:`sampled`.
 
         A fall, which has no contacts, leads to an upright attitude, and is followed by a landing.
@@ -97,7 +95,7 @@ class Maneuver:
         return replace(cls.sampled(name, robot, *whole, period), longest_wait_s=_LONGEST_FALL_S)
 
     @classmethod
-    def landing(cls, robot: Robot, period: float) -> Maneuver:
+    def landing(cls, robot: Robot, period: float) -> "Maneuver":
         """Return a fall onto stretched legs, until the feet touch the ground, and the way back to standing.
 
         It is performed by a robot that has lost the ground, wherever it falls; its duration is that of the wait.
@@ -108,7 +106,7 @@ class Maneuver:
     @classmethod
     def sampled(
         cls, name: str, robot: Robot, times: Array, xs: Array, flags: BoolArray, forces: Array, period: float
-    ) -> Maneuver:
+    ) -> "Maneuver":
         """Sample a motion of N intervals; those without length, impacts, are steps of the velocity.
 
         Args:
@@ -161,7 +159,7 @@ class Maneuver:
         air = np.concatenate([[False], ~self.stance.any(axis=1), [False]])
         return list(zip(*(np.flatnonzero(air[1:] != air[:-1]).reshape(-1, 2).T.tolist()), strict=True))
 
-    def placed(self, points: Array, yaw: float) -> Maneuver:
+    def placed(self, points: Array, yaw: float) -> "Maneuver":
         """Return the manoeuvre that begins with feet in the middle of ``points`` (nc, 3), m, along a heading, rad."""
         # A plan for a world begins along the heading of the start there.
         yaw -= math.atan2(self.rotation[0, 1, 0], self.rotation[0, 0, 0])

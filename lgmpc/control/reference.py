@@ -1,7 +1,5 @@
 """The desired motion: limited commands, integrated; a circle while it stands; the way up from the belly."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Annotated, Literal, Protocol
@@ -96,7 +94,7 @@ class MotionTasks:
     swing: Task
 
     @classmethod
-    def of(cls, tasks: Mapping[str, Task]) -> MotionTasks:
+    def of(cls, tasks: Mapping[str, Task]) -> "MotionTasks":
         """Return those of a whole-body controller's tasks.
 
         Raises:

@@ -5,8 +5,6 @@ for all entries or a column with one for each. In a :class:`~lgmpc.costs.CostIte
 compiled functions, which can be changed without recompilation.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Literal
@@ -57,7 +55,7 @@ class Activation(ABC):
             found.append(Parameter(name, size, meaning, values, self.sign))
         return tuple(found)
 
-    def bind(self, prefix: str, values: Any) -> Activation:
+    def bind(self, prefix: str, values: Any) -> "Activation":
         """Return the same activation with its fields taken from a mapping of ``<prefix>_<field>`` to columns."""
         return replace(self, **{field.name: values[f"{prefix}_{field.name}"] for field in fields(self)})
 

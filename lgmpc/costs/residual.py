@@ -19,8 +19,6 @@ As a cost it is ``CostItem("hand", HandHeight(), weight=10.0)``, as a hard const
 called ``hand_height``, ``hand_weight``, ``hand_lower`` and ``hand_upper``, one value a node.
 """
 
-from __future__ import annotations
-
 import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
@@ -120,7 +118,7 @@ class Bounded:
     upper: Any
 
     @staticmethod
-    def stack(*parts: Bounded) -> Bounded:
+    def stack(*parts: "Bounded") -> "Bounded":
         """Return the constraints of all parts in one; columns of length zero if there is none."""
         empty = ca.SX(0, 1)
         return Bounded(

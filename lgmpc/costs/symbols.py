@@ -1,7 +1,5 @@
 """The quantities of one node as CasADi expressions, of which residuals are written."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import copy
 from typing import Any
@@ -43,8 +41,7 @@ class StageSymbols:
         tau: Any = None,
         forces: Mapping[int | str, Any] | None = None,
     ) -> None:
-        self.robot = robot
-        self.x = x
+        self.robot, self.x = robot, x
         self.q = x[: robot.nq]
         self.v = x[robot.nq :]
         self._parameters = parameters
@@ -113,7 +110,7 @@ class StageSymbols:
         choices = tuple(key.removeprefix(f"{self._prefix}_") for key in self._parameters)
         raise InputError("parameter", name, "a parameter of the residual or the action", choices)
 
-    def within(self, prefix: str) -> StageSymbols:
+    def within(self, prefix: str) -> "StageSymbols":
         """Return the same quantities for a residual whose parameters are called ``<prefix>_<name>``."""
         result = copy(self)
         result._prefix = prefix

@@ -1,7 +1,5 @@
 """Data of demonstrations: predicted and measured values, curves, a scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,7 +56,7 @@ class Curve:
     dashed: bool = False
 
     @staticmethod
-    def each(labels: str | tuple[str, ...], x: Array, columns: Array, dashed: bool = False) -> tuple[Curve, ...]:
+    def each(labels: str | tuple[str, ...], x: Array, columns: Array, dashed: bool = False) -> "tuple[Curve, ...]":
         """Return a curve for each column of (n, k), with a label each, such as "xyz"."""
         return tuple(Curve(label, x, columns[:, i], dashed) for i, label in enumerate(labels))
 
@@ -86,7 +84,7 @@ class Panel:
     equal: bool = False
 
     @classmethod
-    def over_time(cls, title: str, y_label: str, *curves: Curve, log_y: bool = False) -> Panel:
+    def over_time(cls, title: str, y_label: str, *curves: Curve, log_y: bool = False) -> "Panel":
         """Return axes over the time, s."""
         return cls(title, "time, s", y_label, curves, log_y=log_y)
 

@@ -1,7 +1,5 @@
 """Estimate of the friction coefficient, from the forces under which stance feet slide."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

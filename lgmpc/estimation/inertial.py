@@ -48,27 +48,6 @@ class ImuNoise(Settings):
         )
 
 
-def vector_field(pose: Array, gyro: Array, accelerometer: Array, gravity: Array) -> Array:
-    """Return the time derivative (3 + k, 3 + k) of ``pose`` in SE_k(3), k >= 2.
-
-    Args:
-        pose: (3 + k, 3 + k); columns velocity, position, then points at rest.
-        gyro: (3,) angular velocity, body axes, rad/s.
-        accelerometer: (3,) specific force, body axes, m/s2.
-        gravity: (3,) world axes, m/s2.
-
-    Raises:
-        InputError: an argument that is no extended pose, or no finite 3-vector.
-    """
-    pose = _extended("pose", pose)
-    rate = np.zeros_like(pose)
-    rotation = pose[:3, :3]
-    rate[:3, :3] = rotation @ so3.hat(three("gyro", gyro))
-    rate[:3, 3] = rotation @ three("accelerometer", accelerometer) + three("gravity", gravity)
-    rate[:3, 4] = pose[:3, 3]
-    return rate
-
-
 def free_flow(pose: Array, duration: float) -> Array:
     """Return ``phi_t(pose)``: the position moves with constant velocity. ``phi_t(X Y) = phi_t(X) phi_t(Y)``.
 

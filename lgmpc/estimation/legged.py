@@ -290,8 +290,7 @@ class LeggedEstimator:
         self.ground: GroundBelief = LevelGround()
         self._even, self._feet = True, robot.foot_points
         self.monitor = MeasurementMonitor(robot, period) if settings.replace_implausible else None
-        self.failures = 0
-        self.spent = 0.0
+        self.failures, self.spent = 0, 0.0
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
         self._detector = ContactDetector(robot.nf, touch, release)
         self.contacts: BoolArray = self._feet.spread(self._detector.touching)

@@ -86,8 +86,7 @@ class Safety:
     """
 
     def __init__(self, settings: DeploymentSettings, limits: JointLimits | None, period: float) -> None:
-        self._settings, self._limits = settings, limits
-        self._fast, self._hot = 0, 0
+        self._settings, self._limits, self._fast, self._hot = settings, limits, 0, 0
         self._start = math.nan
         self._forget = period / settings.rms_torque_s
         self._square: Array | float = 0.0

@@ -4,8 +4,6 @@ Requires the extra ``unitree`` (Cyclone DDS). Nobody is authenticated on these t
 network can command it.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Sequence
@@ -47,10 +45,10 @@ _CONFIG = (
 class _Network:
     """A participant of a DDS domain on one interface; a process has at most one of each domain."""
 
-    _present: WeakValueDictionary[int, _Network] = WeakValueDictionary()
+    _present: "WeakValueDictionary[int, _Network]" = WeakValueDictionary()
 
     @classmethod
-    def of(cls, interface: str, domain: int | None) -> _Network:
+    def of(cls, interface: str, domain: int | None) -> "_Network":
         """Return the present participant of a domain, or a new one."""
         number = _DOMAIN.get(interface, 0) if domain is None else domain
         network = cls._present.get(number)

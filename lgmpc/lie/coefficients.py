@@ -84,8 +84,7 @@ class Coefficient:
     """
 
     def __init__(self, series: Callable[[Any], Any], closed: Callable[[Any, Any, Any], Any]) -> None:
-        self._series = series
-        self._closed = closed
+        self._series, self._closed = series, closed
 
     def __call__(self, theta: Scalar) -> Scalar:
         """Evaluate at angles, each formula only within its domain; NaN where an angle is infinite."""

@@ -10,5 +10,3 @@ own serves the page (:mod:`lgmpc.live.viewing`, with viser) and sends back what 
 
 Nothing is imported here: the page is open before the rest is loaded.
 """
-
-from __future__ import annotations

@@ -1,6 +1,7 @@
 """A robot at the end of a link that a page shows and drives, in place of the config's commands."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -84,14 +85,13 @@ def deployed_config(
     Returns:
         The run, and the figures of link and loop.
     """
-    shown: list[DeployedRun] = []
     config = config.replace({"commands": (), "changes": ()})
-    prepared: Callable[[DeploymentSession], None] = lambda session: shown.append(DeployedRun(session, link))  # noqa: E731
-    try:
+    with ExitStack() as shown:
+
+        def prepared(session: DeploymentSession) -> None:
+            shown.callback(DeployedRun(session, link).close)
+
         finished, deployment = deploy_config(config, driver, out, operator=operator, prepared=prepared, **options)
-    finally:
-        for each in shown:
-            each.close()
     ending = deployment.failure or deployment.ending.value
     link.send(Note(f"{ending}; saved in {finished.folder.path}", error=bool(deployment.failure), over=True))
     return finished, deployment

@@ -6,6 +6,7 @@ every few milliseconds. The run waits for nothing: without a viewer, or after it
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, sleep
@@ -427,16 +428,12 @@ def viewed_config(
     progress: ProgressReport = ignore,
 ) -> FinishedRun:
     """Run ``config`` as :func:`lgmpc.config.execution.run_config` does, in real time and shown on a page."""
-    shown: list[ShownRun] = []
+    with ExitStack() as shown:
 
-    def prepared(announce: Callable[[str], None]) -> Session:
-        session = prepare(config, notify=announce)
-        assert isinstance(session, ClosedLoopSession)
-        shown.append(ShownRun(config, session, link))
-        return session
+        def prepared(announce: Callable[[str], None]) -> Session:
+            session = prepare(config, notify=announce)
+            assert isinstance(session, ClosedLoopSession)
+            shown.callback(ShownRun(config, session, link).close)
+            return session
 
-    try:
         return run_session(config, prepared, out, notify=notify, progress=progress)
-    finally:
-        for each in shown:
-            each.close()

@@ -4,8 +4,6 @@ It is started before anything else is loaded or built, so that the page is open 
 import is imported when the page is served.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import multiprocessing
 import os
@@ -151,7 +149,7 @@ def view(pipe: Connection, port: int) -> None:
         server.stop()
 
 
-def _serve(server: viser.ViserServer, pipe: Connection) -> None:
+def _serve(server: "viser.ViserServer", pipe: Connection) -> None:
     """Show one run after the other.
 
     Raises:

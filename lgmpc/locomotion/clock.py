@@ -1,7 +1,5 @@
 """The gait clock: when each foot swings, from now on, through gait changes and contacts out of schedule."""
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import dataclass
@@ -70,8 +68,7 @@ class GaitClock:
         contacts: BoolArray | None = None,
     ) -> None:
         self.settings = GaitClockSettings() if settings is None else settings
-        self.gait = gait
-        self.time = time
+        self.gait, self.time = gait, time
         self._swings: list[list[SwingInterval]] = [[] for _ in gait.offsets]
         self._next = [math.inf] * gait.nc  # first lift-off that is not in _swings
         self._end = math.inf  # no lift-off at or after it
@@ -82,7 +79,7 @@ class GaitClock:
                 self._swings[foot].append(SwingInterval(time, time + length))
         self.start(time, gait)
 
-    def copy(self) -> GaitClock:
+    def copy(self) -> "GaitClock":
         """Return a clock with the same schedule, to see where a change of it would lead."""
         result = copy.copy(self)
         result._swings = [[SwingInterval(each.liftoff, each.touchdown) for each in swings] for swings in self._swings]

@@ -1,7 +1,5 @@
 """Motion commands: velocity, height, attitude, gait and mode; from a timeline, a function, or any other source."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -215,7 +213,7 @@ class Ramp:
     ay: float = 0.0
     duration: float = 0.0
 
-    def turned(self, angle: float) -> Ramp:
+    def turned(self, angle: float) -> "Ramp":
         """Return the same in axes that are turned by minus ``angle``, rad."""
         if self.duration == 0.0:
             return self

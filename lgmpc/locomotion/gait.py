@@ -5,8 +5,6 @@ lifts off (Hildebrand, "Symmetrical gaits of horses", Science 150, 1965). Standi
 its feet never lift off.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
@@ -78,7 +76,7 @@ class Gait(Settings):
         # The minimum is reached just after a lift-off.
         return min(sum((now - other + _SLACK) % 1.0 >= swing for other in self.offsets) for now in self.offsets)
 
-    def reordered(self, order: Iterable[int]) -> Gait:
+    def reordered(self, order: Iterable[int]) -> "Gait":
         """Return the gait of the same feet in another order: foot i of the new one is foot ``order[i]`` of this one.
 
         Raises:

@@ -1,7 +1,5 @@
 """Input of a predictive controller besides the state: contacts and desired motion over its horizon."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +26,7 @@ class ContactHorizon:
     friction: Array
 
     @classmethod
-    def allocate(cls, intervals: int, contacts: int) -> ContactHorizon:
+    def allocate(cls, intervals: int, contacts: int) -> "ContactHorizon":
         """Return buffers with every foot in contact at the origin, on a level surface of friction 0.6."""
         return cls(
             np.ones((intervals, contacts), dtype=np.bool_),
@@ -64,14 +62,14 @@ class MotionReference:
     catching: bool = False
     legs: Array | None = None
 
-    def copy(self) -> MotionReference:
+    def copy(self) -> "MotionReference":
         """Return the motion in buffers of its own."""
         arrays = (self.com, self.com_velocity, self.q, self.angular_velocity)
         com, com_velocity, q, angular_velocity = (each.copy() for each in arrays)
         return MotionReference(com, com_velocity, q, angular_velocity, self.catching, self.legs)
 
     @classmethod
-    def standing(cls, robot: Robot, intervals: int, com: Array) -> MotionReference:
+    def standing(cls, robot: Robot, intervals: int, com: Array) -> "MotionReference":
         """Return buffers that hold the reference posture at rest, the centre of mass (3,) at ``com``."""
         nodes = intervals + 1
         return cls(

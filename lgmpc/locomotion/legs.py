@@ -1,7 +1,5 @@
 """Geometry of the legs from the robot's model: hips, feet, lengths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -62,7 +60,7 @@ class LegGeometry:
         return points.mean(axis=0) + [s * y - c * x, -s * x - c * y, self.height]
 
     @classmethod
-    def of(cls, robot: Robot) -> LegGeometry:
+    def of(cls, robot: Robot) -> "LegGeometry":
         """Return the geometry of a robot's legs.
 
         Raises:

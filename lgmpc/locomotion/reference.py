@@ -1,7 +1,5 @@
 """From a command to the desired motion over a horizon."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence
@@ -56,7 +54,7 @@ class DesiredPose:
     base_pose: Array
 
     @classmethod
-    def zero(cls) -> DesiredPose:
+    def zero(cls) -> "DesiredPose":
         """Return buffers to write to."""
         return cls(np.zeros(9), np.zeros(9), np.zeros(12), np.zeros(7))
 

@@ -126,8 +126,7 @@ class SwingTrajectory:
         self.retune(SwingSettings() if settings is None else settings)
         self.roughness = 0.0
         self._obstructed, self._obstacle = _OBSTRUCTED_SHARE * height, _OBSTACLE_SHARE * height
-        self.liftoff = 0.0
-        self.touchdown = 0.0
+        self.liftoff, self.touchdown = 0.0, 0.0
         self.target = (0.0, 0.0, 0.0)
         self._latest = 0.0
         self._from = (0.0, 0.0)

@@ -16,8 +16,6 @@ Chapter 4.2 to 4.6 and 4.17; Poincare, "Sur une forme nouvelle des equations de 
 Euler-Poincare equations and semidirect products", Advances in Mathematics 137 (1998).
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable
@@ -120,7 +118,7 @@ def runge_kutta4(field: Callable[[Any, Any], Any], y: Any, h: Any) -> Any:
     return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def munthe_kaas(system: EulerPoincare) -> ca.Function:
+def munthe_kaas(system: "EulerPoincare") -> ca.Function:
     """Return the classical fourth-order step in the exponential chart around its initial pose.
 
     With ``g = g0 exp(z)``, ``z' = Jr^-1(z) xi``, for (z, xi); the advected quantity is transformed by exp(z), so that

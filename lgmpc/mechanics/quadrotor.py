@@ -11,8 +11,6 @@ differences of rotation matrices, without singularity. Bouabdallah, Noth and Sie
 applied to an indoor micro quadrotor", IROS 2004.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -99,11 +97,11 @@ class Quadrotor:
             raise InputError("moment", self.moment, "a positive number, N.m")
 
     @classmethod
-    def of_the_paper(cls) -> Quadrotor:
+    def of_the_paper(cls) -> "Quadrotor":
         """Return the vehicle of Lee, Leok and McClamroch (2010), section V, without limits."""
         return cls(4.34, np.diag([0.0820, 0.0845, 0.1377]))
 
-    def limited(self, lift: float, moment: float) -> Quadrotor:
+    def limited(self, lift: float, moment: float) -> "Quadrotor":
         """Return the same vehicle with thrusts from 0 to ``lift`` times the weight, and bounded moments, N.m."""
         return replace(self, thrust=(0.0, lift * self.mass * GRAVITY), moment=moment)
 
@@ -153,7 +151,7 @@ class GeometricGains:
             check_positive(name, value, "a gain")
 
     @classmethod
-    def of_the_paper(cls, mass: float = 4.34) -> GeometricGains:
+    def of_the_paper(cls, mass: float = 4.34) -> "GeometricGains":
         """Return the gains of section V of the paper."""
         return cls(16.0 * mass, 5.6 * mass, 8.81, 2.54)
 
@@ -174,8 +172,7 @@ class GeometricController:
     """
 
     def __init__(self, quadrotor: Quadrotor, reference: Reference, gains: GeometricGains | None = None) -> None:
-        self.quadrotor = quadrotor
-        self.reference = reference
+        self.quadrotor, self.reference = quadrotor, reference
         self.gains = GeometricGains.of_the_paper(quadrotor.mass) if gains is None else gains
         self.command = self._command()
 

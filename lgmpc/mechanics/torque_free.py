@@ -13,8 +13,6 @@ Jacobi, "Sur la rotation d'un corps" (1849); Whittaker, "Analytical dynamics" (1
 "Mechanics", section 37; chapter 4.5 and 4.12.1.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from dataclasses import dataclass, field
@@ -103,7 +101,7 @@ class EulerTop:
         return np.stack((s.amplitudes[0] * cn, s.amplitudes[1] * sn, s.amplitudes[2] * dn), axis=1) @ s.axes.T
 
     @functools.cached_property
-    def _solution(self) -> _Solution:
+    def _solution(self) -> "_Solution":
         if self.steady:
             raise InputError(
                 "velocity", self.velocity, "one that is not along a principal axis: that rotation is steady"

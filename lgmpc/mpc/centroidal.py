@@ -1,7 +1,5 @@
 """Receding-horizon control of centre of mass and momenta by contact forces."""
 
-from __future__ import annotations
-
 import time
 from typing import Literal
 
@@ -110,7 +108,7 @@ class CentroidalMpc(SqpMpc):
         self._compiled = CompiledUpdate.of(self)
 
     @classmethod
-    def of(cls, robot: Robot, settings: CentroidalMpcSettings) -> CentroidalMpc:
+    def of(cls, robot: Robot, settings: CentroidalMpcSettings) -> "CentroidalMpc":
         """Return the controller of a robot; arguments and errors as of the class."""
         feet = tuple(len(foot.points) for foot in robot.feet)
         return cls(robot.mass, robot.nc, settings, feet=feet, gravity=robot.gravity)

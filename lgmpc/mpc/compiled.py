@@ -1,7 +1,5 @@
 """The centroidal MPC's update in one call of machine code, on the memory of the controller in Python."""
 
-from __future__ import annotations
-
 import ctypes
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -42,7 +40,7 @@ class CompiledUpdate:
         forces: (N, nc, 3) its contact forces, N.
     """
 
-    def __init__(self, mpc: CentroidalMpc, solver: ActiveSetSolver, library: ctypes.CDLL) -> None:
+    def __init__(self, mpc: "CentroidalMpc", solver: ActiveSetSolver, library: ctypes.CDLL) -> None:
         n, points, self._solver = mpc.settings.nodes, mpc.problem.nu // 3, solver
         nodes, intervals = n + 1, (n, points)
         shapes = (
@@ -59,7 +57,7 @@ class CompiledUpdate:
         self._plan = plan
 
     @classmethod
-    def of(cls, mpc: CentroidalMpc) -> CompiledUpdate | None:
+    def of(cls, mpc: "CentroidalMpc") -> "CompiledUpdate | None":
         """Return the update of a controller; None with another QP solver, for soles, and without a compiler."""
         solver = mpc.solver.qp_solver
         if not isinstance(solver, ActiveSetSolver) or not (solver.available and solver.scalar):
@@ -99,7 +97,7 @@ class CompiledUpdate:
         return status, int(self._state[_FACTORISATIONS])
 
 
-def header(mpc: CentroidalMpc) -> str:
+def header(mpc: "CentroidalMpc") -> str:
     """Return the C header of a controller's update."""
     sizes = f"#define LGMPC_MPC_NODES {mpc.settings.nodes}\n#define LGMPC_MPC_POINTS {mpc.problem.nu // 3}\n"
     return sizes + files("lgmpc.mpc").joinpath("lgmpc_mpc.h").read_text("utf-8")
@@ -119,7 +117,7 @@ def _packed(shapes: tuple[tuple[int, ...], ...]) -> tuple[Array, list[Array]]:
     return memory, [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
 
 
-def _frame(mpc: CentroidalMpc, qp: ActiveSetSolver, state: Array) -> Any:
+def _frame(mpc: "CentroidalMpc", qp: ActiveSetSolver, state: Array) -> Any:
     sqp, problem, reference, s = mpc.solver, mpc.problem, mpc._reference, mpc.settings
     f, step, places = sqp._functions, qp.solution, problem.action.parameters
     moves, refers = (sqp._move, *sqp._shifts), (reference._turn, reference._run)

@@ -36,11 +36,7 @@ class FallbackMpc:
     """
 
     def __init__(self, mpc: FullBodyMpc, fallback: CentroidalMpc) -> None:
-        self.mpc = mpc
-        self.fallback = fallback
-        self.fallback_updates = 0
-        self._usable = True
-        self._pause = 0
+        self.mpc, self.fallback, self.fallback_updates, self._usable, self._pause = mpc, fallback, 0, True, 0
 
     @property
     def settings(self) -> MpcSettings:

@@ -1,7 +1,5 @@
 """The interface of predictive controllers: from measured state, contacts and desired motion to a plan."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
@@ -37,12 +35,12 @@ class MeasuredState:
     inertia: Array
 
     @classmethod
-    def centroidal(cls, time: float, com: Array, momentum: Array) -> MeasuredState:
+    def centroidal(cls, time: float, com: Array, momentum: Array) -> "MeasuredState":
         """Return the state of a level robot of which only the centroidal state is measured."""
         nothing = np.zeros(0)
         return cls(time, nothing, nothing, np.asarray(com), np.asarray(momentum), np.eye(3), np.zeros((3, 3)))
 
-    def copy(self) -> MeasuredState:
+    def copy(self) -> "MeasuredState":
         """Return the state with arrays of its own."""
         return MeasuredState(self.time, *(getattr(self, each.name).copy() for each in fields(self)[1:]))
 

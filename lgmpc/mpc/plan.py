@@ -1,7 +1,5 @@
 """Predicted motions: the result of a predictive controller, stamped and sampled by time."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -136,7 +134,7 @@ class Plan:
         """Time of the last node, s."""
         return self.time + self.node_duration * len(self.forces)
 
-    def stamped(self, status: MpcStatus, qp_iterations: int, update_time: float) -> Plan:
+    def stamped(self, status: MpcStatus, qp_iterations: int, update_time: float) -> "Plan":
         """Return the same motion as the result of an update (dataclasses.replace takes four times as long)."""
         return Plan(
             self.time, self.node_duration, self.mass, self.xs, self.forces, status, qp_iterations, update_time,

@@ -53,8 +53,7 @@ class ProcessMpc:
     """
 
     def __init__(self, make: Callable[[], Mpc], settings: MpcSettings) -> None:
-        self.settings, self.failures, self.restarts = settings, 0, 0
-        self._make = make
+        self.settings, self.failures, self.restarts, self._make = settings, 0, 0, make
         self._stale = 0.5 * settings.nodes * settings.node_s
         self._plan: Plan | None = None
         self._asked = False

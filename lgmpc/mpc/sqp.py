@@ -59,8 +59,7 @@ class SqpMpc(ABC):
     def __init__(self, problem: ShootingProblem, settings: MpcSettings, mass: float, weight: Array) -> None:
         self.settings: MpcSettings = settings
         self.mass = checked_mass(mass)
-        self.failures = 0
-        self.failures_in_a_row = 0
+        self.failures, self.failures_in_a_row = 0, 0
         self._plan: Plan | None = None  # the last fresh one
         self.problem = problem
         self.solver = RealTimeSqp(problem, settings.qp_solver)

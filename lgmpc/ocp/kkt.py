@@ -1,7 +1,5 @@
 """Residuals of the optimality conditions of a linear-quadratic problem."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -28,7 +26,7 @@ class KktResidual:
     complementarity: float
 
     @classmethod
-    def unknown(cls) -> KktResidual:
+    def unknown(cls) -> "KktResidual":
         """Return an unknown residual: NaN."""
         return cls(math.nan, math.nan, math.nan, math.nan)
 

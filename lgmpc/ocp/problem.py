@@ -1,7 +1,5 @@
 """An optimal control problem on a grid: an action for each interval, a parameter vector a node, a first state."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -209,7 +207,7 @@ class ShootingProblem:
         row = int(outside.argmax())
         return (row, float(outside[row])) if outside[row] > FEASIBLE else None
 
-    def copy(self) -> ShootingProblem:
+    def copy(self) -> "ShootingProblem":
         """Return a problem with the same actions and a copy of the data."""
         result = copy(self)  # the actions have been checked
         result.parameters, result.x0 = self.parameters.copy(), self.x0.copy()

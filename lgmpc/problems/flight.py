@@ -8,8 +8,6 @@ The vectors determine the sense of rotation of the initial guess. In roll, pitch
 at pitch 90 degrees, and in the rotation vector from its goal at rotation pi.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -43,7 +41,7 @@ class MultirotorSettings(Settings):
     drag_ratio_m: Finite = Field(default=0.0, ge=0.0, description="Moment about its axis per thrust, m.")
 
     @model_validator(mode="after")
-    def _one_sense_each(self) -> MultirotorSettings:
+    def _one_sense_each(self) -> "MultirotorSettings":
         if len(self.turning) != len(self.frames):
             raise problem_with(f"{len(self.frames)} of ccw and cw, one a frame", key="turning", got=list(self.turning))
         return self
@@ -218,7 +216,7 @@ class Multirotor:
     rotors: tuple[str, ...]
 
     @classmethod
-    def of(cls, robot: Robot, settings: MultirotorSettings) -> Multirotor:
+    def of(cls, robot: Robot, settings: MultirotorSettings) -> "Multirotor":
         """Return the multirotor of a robot and its rotors.
 
         Raises:

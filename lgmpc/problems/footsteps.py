@@ -1,7 +1,5 @@
 """Footsteps: the base's commanded path, the footholds along it, and the swings between them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol
@@ -62,7 +60,7 @@ class BasePath:
             raise InputError("ramp", self.ramp, f"0 to {most:g} s, half of the time in which the base moves")
 
     @classmethod
-    def walking(cls, velocity: ArrayLike, yaw_rate: float, start: float, stop: float, ramp: float) -> BasePath:
+    def walking(cls, velocity: ArrayLike, yaw_rate: float, start: float, stop: float, ramp: float) -> "BasePath":
         """Return the path of a commanded velocity (2,), ahead and to the left, m/s, and rate of turning, rad/s.
 
         Raises:
@@ -189,7 +187,7 @@ class Footsteps:
     swings: tuple[tuple[SwingCurve, ...], ...]
 
     @classmethod
-    def plan(cls, gait: GaitSequence, motion: BaseMotion, start: ArrayLike, origin: ArrayLike) -> Footsteps:
+    def plan(cls, gait: GaitSequence, motion: BaseMotion, start: ArrayLike, origin: ArrayLike) -> "Footsteps":
         """Return footsteps whose footholds are the nominal foot positions at the middle of each stance.
 
         Nominal positions are fixed to the base; the leg is as far ahead at touchdown as behind at lift-off (Raibert,

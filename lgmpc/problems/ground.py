@@ -5,8 +5,6 @@ feet) from the planes and boxes of the world, whose places and sizes are paramet
 are distances of more and finer spheres, on all collision shapes, by Pinocchio and :class:`~lgmpc.world.World`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,7 +51,7 @@ class BodySpheres:
     shares: Array
 
     @classmethod
-    def optimised(cls, robot: Robot) -> BodySpheres:
+    def optimised(cls, robot: Robot) -> "BodySpheres":
         """Return spheres on the box around the trunk's shapes, of thighs, along shanks, and last those of feet."""
         ends = [(at.translation, r) for part in robot.collision_shapes if part.joint == 1 for at, r in part.corners]
         found = []
@@ -74,7 +72,7 @@ class BodySpheres:
         return cls._of([*found, *_shanks(robot, np.linspace(0.0, _SHANK, 4)), *feet])
 
     @classmethod
-    def measured(cls, robot: Robot) -> BodySpheres:
+    def measured(cls, robot: Robot) -> "BodySpheres":
         """Return fine spheres on all collision shapes and along the upper parts of the shanks."""
         found = []
         for part in robot.collision_shapes:
@@ -88,7 +86,7 @@ class BodySpheres:
         return cls._of([*found, *_shanks(robot, np.linspace(0.0, _SHANK, 10))])
 
     @classmethod
-    def _of(cls, spheres: Sequence[tuple[int, Array, float, float]]) -> BodySpheres:
+    def _of(cls, spheres: Sequence[tuple[int, Array, float, float]]) -> "BodySpheres":
         joints, centers, radii, shares = zip(*spheres, strict=True)
         return cls(tuple(map(int, joints)), np.array(centers), np.array(radii), np.array(shares))
 

@@ -10,8 +10,6 @@ the integrator, and creep by the sum of these errors; the stiffness halves the e
 the position at the end, ``p + h (v + h a)``, would be held exactly, but forces would jump from interval to interval.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -176,7 +174,7 @@ class LeggedScale:
     gravity: float
 
     @classmethod
-    def of(cls, robot: Robot) -> LeggedScale:
+    def of(cls, robot: Robot) -> "LeggedScale":
         """Return the scale of a robot."""
         model, data = robot.model, robot.create_data()
         pin.framesForwardKinematics(model, data, robot.q_reference)

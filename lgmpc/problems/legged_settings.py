@@ -1,7 +1,5 @@
 """Settings of gaits and jumps, with dimensionless weights."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
@@ -130,7 +128,7 @@ class GaitSettings(LeggedSettings, ProblemSettings):
     ramp_s: NonNegative = key(0.2, "Time of acceleration and of deceleration of the base, s.")
 
     @model_validator(mode="after")
-    def _one_gait(self) -> GaitSettings:
+    def _one_gait(self) -> "GaitSettings":
         if self.pattern is None and not self.phases:
             raise problem("walk, trot, pace or bound here, or a cycle in the key phases", key="pattern", got=None)
         if self.pattern is not None and self.phases:

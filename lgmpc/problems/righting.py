@@ -11,8 +11,6 @@ size. The problem therefore uses the variational integrator, which conserves the
 an independent simulation (:mod:`lgmpc.problems.motion`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
@@ -68,7 +66,7 @@ class LegStrokes(Settings):
     count: Count = key(5, "Number of cycles.")
     ramp_s: Positive = key(0.12, "Time of the transitions from and to the reference posture, s.")
 
-    def joints(self, robot: Robot, times: Array) -> CubicSpline:
+    def joints(self, robot: Robot, times: Array) -> "CubicSpline":
         """Return the joints' path (nu,) over time, at rest in the reference posture at both ends.
 
         Args:
@@ -222,7 +220,7 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
     return Scenario("righting", robot, problem, guess, durations, figures, waypoints=(mark,))
 
 
-def falling_motion(robot: Robot, x0: Array, joints: CubicSpline, times: Array) -> Trajectory:
+def falling_motion(robot: Robot, x0: Array, joints: "CubicSpline", times: Array) -> Trajectory:
     """Return the fall of a robot without angular momentum along a path of its joints, with its torques.
 
     The centre of mass follows its parabola; the base's velocity conserves the momentum; torques are those of the mean

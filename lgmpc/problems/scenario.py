@@ -1,7 +1,5 @@
 """Scenarios: optimal control problems with initial guesses and figures of merit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -62,7 +60,7 @@ class Controls:
                 raise InputError(side, f"shape {getattr(self, side).shape}", f"shape {(len(self.names),)}")
 
     @classmethod
-    def joints(cls, robot: Robot) -> Controls:
+    def joints(cls, robot: Robot) -> "Controls":
         """Return the efforts of a robot's joints as controls."""
         limit = np.array(robot.effort_limit)
         return cls(robot.joint_names, "N.m", -limit, limit)

@@ -3,8 +3,6 @@
 Friction, centres of pressure and limits are hard constraints, which fddp and box_fddp do not support.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -65,7 +63,7 @@ class StandingReachSettings(TargetSettings):
     weights: StandingReachWeights = key(StandingReachWeights(), "Weights of the cost.")
 
     @model_validator(mode="after")
-    def _something_is_left(self) -> StandingReachSettings:
+    def _something_is_left(self) -> "StandingReachSettings":
         if self.sole_margin_m >= min(self.sole_half_size_m):
             expected = f"less than {min(self.sole_half_size_m):g}, half of a sole's width"
             raise problem(expected, key="sole_margin_m", got=self.sole_margin_m)

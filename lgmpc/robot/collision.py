@@ -1,7 +1,5 @@
 """Collision shapes of a robot, besides its feet: spheres, boxes and capsules fixed to its links."""
 
-from __future__ import annotations
-
 import fnmatch
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -103,7 +101,7 @@ def check_shapes(model: pin.Model, shapes: tuple[Sphere | Box | Capsule, ...] | 
     ]
 
 
-def shapes_of(robot: Robot) -> tuple[CollisionShape, ...]:
+def shapes_of(robot: "Robot") -> tuple[CollisionShape, ...]:
     """Return the robot's given shapes or, if there are none, those of its URDF's collision geometry.
 
     Cylinders of the URDF become capsules of the same length if they are longer than wide, spheres stay spheres, and all
@@ -161,7 +159,7 @@ def _is_moving_link(frame: pin.Frame) -> bool:
     return bool(frame.type == pin.FrameType.BODY and frame.parentJoint > 0)
 
 
-def _shapes_of_urdf(robot: Robot) -> Iterator[CollisionShape]:
+def _shapes_of_urdf(robot: "Robot") -> Iterator[CollisionShape]:
     feet = {int(robot.model.frames[index].parentJoint) for index in robot.contact_ids}
     urdf, folders = str(robot.source.urdf), [str(folder) for folder in robot.source.package_dirs]
     try:

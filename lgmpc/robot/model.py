@@ -1,7 +1,5 @@
 """Robots: a ``pin.Model`` with contact frames, actuator limits and a reference posture."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -106,7 +104,7 @@ class Robot:
         return self.model.createData()
 
     @cached_property
-    def symbolic(self) -> SymbolicModel:
+    def symbolic(self) -> "SymbolicModel":
         """The rigid-body algorithms of this robot as CasADi expressions."""
         from lgmpc.robot.symbolic import SymbolicModel
 

@@ -6,8 +6,6 @@ sole and their torsion within what friction allows, as the 6-D wrench of that pa
 point. :class:`FootPoints` is the only place where the one becomes the other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
@@ -40,14 +38,10 @@ _SMALLEST = 5e-3
 _MOST_CORNERS = 16
 
 
-def _sole_kind(value: Any) -> str:
-    return "auto" if isinstance(value, str) else "corners"
-
-
 Corners = Annotated[tuple[tuple[Finite, Finite], ...], Field(min_length=3, max_length=_MOST_CORNERS)]
 Sole = Annotated[
     Union[Annotated[Literal["auto"], Tag("auto")], Annotated[Corners, Tag("corners")]],  # noqa: UP007
-    Discriminator(_sole_kind),
+    Discriminator(lambda value: "auto" if isinstance(value, str) else "corners"),
 ]
 
 
@@ -83,7 +77,7 @@ class Foot:
     points: Array
 
     @classmethod
-    def point(cls, frame: str) -> Foot:
+    def point(cls, frame: str) -> "Foot":
         """Return the point foot at a frame's origin."""
         return cls(frame, np.zeros(3), np.eye(3), np.zeros((1, 2)))
 
@@ -154,7 +148,7 @@ class FootPoints:
         self.offsets, self.radius = offsets, radius
 
     @classmethod
-    def of_robot(cls, robot: Robot) -> FootPoints:
+    def of_robot(cls, robot: "Robot") -> "FootPoints":
         """Return the assignment of a robot's contact points."""
         data = robot.create_data()
         pin.framesForwardKinematics(robot.model, data, robot.q_reference)
@@ -228,7 +222,7 @@ class FootPoints:
         return centres[..., self.of, :] + self.arms(yaws, normal)
 
 
-def support_share(robot: Robot) -> float:
+def support_share(robot: "Robot") -> float:
     """Return the distance of the centre of mass from the edge of the support, as a share of its height.
 
     Of the reference posture, projected to the ground; negative outside of the support.
@@ -245,7 +239,7 @@ def support_share(robot: Robot) -> float:
 
 
 def make_feet(
-    model: pin.Model, q: Array, specs: tuple[FootSpec, ...], files: ModelSource
+    model: pin.Model, q: Array, specs: tuple[FootSpec, ...], files: "ModelSource"
 ) -> tuple[list[Foot], list[str]]:
     """Return the feet with soles, and the problems that prevent their use.
 
@@ -335,7 +329,7 @@ def _apart(first: Array, second: Array) -> bool:
     return False
 
 
-def _clouds(model: pin.Model, files: ModelSource, joints: set[int]) -> dict[int, Array]:
+def _clouds(model: pin.Model, files: "ModelSource", joints: set[int]) -> dict[int, Array]:
     """Return points on the surface of the collision geometry of bodies, in the axes of their joints, m."""
     folders = [str(folder) for folder in files.package_dirs]
     try:

@@ -1,7 +1,5 @@
 """The settings of a robot: its files, and properties that these lack."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Union
@@ -101,7 +99,7 @@ class RobotSpec(Settings):
     )
 
     @model_validator(mode="after")
-    def _one_source(self) -> RobotSpec:
+    def _one_source(self) -> "RobotSpec":
         if self.model is None and self.urdf is None:
             raise problem("a robot's name here, or a file in the key urdf", key="model", got=None)
         if self.model is not None and self.urdf is not None:
@@ -109,7 +107,7 @@ class RobotSpec(Settings):
         return self
 
     @model_validator(mode="after")
-    def _distinct_frames(self) -> RobotSpec:
+    def _distinct_frames(self) -> "RobotSpec":
         for i, frame in enumerate(self.contact_frames):
             if frame in self.contact_frames[:i]:
                 raise problem("each frame once", key=f"contact_frames.{i}", got=frame)

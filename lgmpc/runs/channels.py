@@ -4,8 +4,6 @@ Each is declared once, as a field of its log. Docstrings, the guide's table (:fu
 read these declarations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, NamedTuple, TypeVar
@@ -194,7 +192,7 @@ class ArrayFile:
         values: dict[str, Any] = {}
         for each in fields(cls):
             if each.name in arrays:
-                array, kinds = arrays[each.name], _SCALARS.get(str(each.type))
+                array, kinds = arrays[each.name], _SCALARS.get(getattr(each.type, "__name__", str(each.type)))
                 if kinds and (array.shape != () or array.dtype.kind not in kinds):
                     held = f"shape {array.shape} and holds {array.dtype}"
                     raise RunFolderError(f"entry '{each.name}' has {held}, expected one value")

@@ -3,21 +3,21 @@
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import field, fields
+from dataclasses import MISSING, field, fields
 from inspect import cleandoc
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
-def metric(description: str, **options: Any) -> Any:
+def metric(description: str, default: Any = MISSING) -> Any:
     """Declare a metric as a field of a dataclass.
 
     Args:
         description: noun phrase and unit; after a semicolon the details. The limits of the gate have it too.
-        options: of :func:`dataclasses.field`.
+        default: for runs that did not measure it.
     """
-    return field(metadata={"description": description}, **options)
+    return field(metadata={"description": description}, default=default)
 
 
 def described(kind: type[T]) -> type[T]:

@@ -3,8 +3,6 @@
 A run of a robot also has ``deployment.json``.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import dataclass
@@ -49,7 +47,7 @@ class RunFolder:
     path: Path
 
     @classmethod
-    def create(cls, out: Path | str, name: str, now: datetime | None = None) -> RunFolder:
+    def create(cls, out: Path | str, name: str, now: datetime | None = None) -> "RunFolder":
         """Create ``out/<UTC time>-<name>/`` and check that it can be written.
 
         Called before a run starts, so that an unwritable folder is reported at once. Two runs that start in the same

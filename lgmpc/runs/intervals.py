@@ -1,16 +1,11 @@
 """Intervals of ticks in which a flag is true, such as those of pushes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lgmpc.runs.log import RunLog
 from lgmpc.typing import Array, BoolArray
-
-if TYPE_CHECKING:
-    from lgmpc.runs.log import RunLog
 
 
 def intervals(flags: BoolArray) -> list[tuple[int, int]]:
@@ -45,7 +40,7 @@ class PushInterval:
     impulse: Array
 
 
-def push_intervals(log: RunLog) -> tuple[PushInterval, ...]:
+def push_intervals(log: "RunLog") -> tuple[PushInterval, ...]:
     """Return the pushes of a run: the intervals in which the applied wrench is not zero."""
     if log.ticks < 2:
         return ()

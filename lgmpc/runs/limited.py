@@ -1,7 +1,5 @@
 """Quantities of a run with limits, over time: margins, shares of the limit used, and their extremes."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -152,7 +150,7 @@ class Limited:
             share: Array = 1.0 - self.margins / self.scale
         return share
 
-    def until(self, end: int) -> Limited:
+    def until(self, end: int) -> "Limited":
         """Return the quantity at the first ``end`` ticks."""
         arrays = {name: getattr(self, name)[:end] for name in ("values", "limits", "margins", "scale")}
         return replace(self, **arrays)

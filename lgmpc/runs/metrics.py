@@ -4,8 +4,6 @@ They are computed from the part of the log before the first value that is not fi
 length of that part.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, is_dataclass
 from typing import get_args, get_type_hints
 
@@ -54,11 +52,11 @@ class SensorFaults:
     joints: int = metric("Of a joint angle.")
     speeds: int = metric("Of a joint's speed.")
     torques: int = metric("Of a joint torque.")
-    external_pose: int = metric("Of a pose by an external source, left out.", default=0)
-    external_velocity: int = metric("Of a velocity by an external source, left out.", default=0)
+    external_pose: int = metric("Of a pose by an external source, left out.", 0)
+    external_velocity: int = metric("Of a velocity by an external source, left out.", 0)
 
     @classmethod
-    def of(cls, log: RunLog) -> SensorFaults | None:
+    def of(cls, log: RunLog) -> "SensorFaults | None":
         """Return the counts of a log; None where measurements were not monitored."""
         if log.sensor_faults is None:
             return None
@@ -169,27 +167,25 @@ class Metrics:
     mpc_ms: Timing | None = metric("Duration of an MPC update, ms; contacts ahead and sampling of the plan included.")
     wbc_ms: Timing | None = metric("Duration of a whole-body tick, ms.")
     real_time_factor: float | None = metric("Simulated over elapsed time.")
-    estimator_ms: Timing | None = metric("Duration of the estimator's tick, ms.", default=None)
-    estimator: EstimatorErrors | None = metric("Errors of the controller's estimate.", default=None)
+    estimator_ms: Timing | None = metric("Duration of the estimator's tick, ms.", None)
+    estimator: EstimatorErrors | None = metric("Errors of the controller's estimate.", None)
     min_base_height_fraction: float | None = metric(
-        "Lowest height of the base as a fraction of its initial height, 0 to 1; 1 for a fixed base.", default=None
+        "Lowest height of the base as a fraction of its initial height, 0 to 1; 1 for a fixed base.", None
     )
-    walking: WalkingMetrics | None = metric("Metrics of commanded motion.", default=None)
-    falls: int = metric("Falls; one ends when the robot folds its legs again.", default=0)
-    modes: ModeMetrics | None = metric("Metrics of falls, lying, rising and manoeuvres.", default=None)
-    joint_friction_nm: float | None = metric(
-        "Estimated friction of the joints at the end, mean of all, N.m.", default=None
-    )
+    walking: WalkingMetrics | None = metric("Metrics of commanded motion.", None)
+    falls: int = metric("Falls; one ends when the robot folds its legs again.", 0)
+    modes: ModeMetrics | None = metric("Metrics of falls, lying, rising and manoeuvres.", None)
+    joint_friction_nm: float | None = metric("Estimated friction of the joints at the end, mean of all, N.m.", None)
     leg_collisions: int | None = metric(
-        "Number of times that two legs touch; capsules of the feet's radius along their links.", default=None
+        "Number of times that two legs touch; capsules of the feet's radius along their links.", None
     )
-    forecast_ms: Timing | None = metric("Duration of a tick's forecasts of steps against a push, ms.", default=None)
-    sensor_faults: SensorFaults | None = metric("Replaced readings of sensors.", default=None)
+    forecast_ms: Timing | None = metric("Duration of a tick's forecasts of steps against a push, ms.", None)
+    sensor_faults: SensorFaults | None = metric("Replaced readings of sensors.", None)
     max_hand_error_m: float | None = metric(
-        "Largest distance of a hand from its target from steady_from_s on, m.", default=None
+        "Largest distance of a hand from its target from steady_from_s on, m.", None
     )
     max_hand_rotation_deg: float | None = metric(
-        "Largest rotation of a hand from its target from steady_from_s on, degrees.", default=None
+        "Largest rotation of a hand from its target from steady_from_s on, degrees.", None
     )
 
 

@@ -34,19 +34,19 @@ class ModeMetrics:
     torque_step_nm: float | None = metric(
         "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m; the largest."
     )
-    maneuvers: int = metric("Number of manoeuvres performed to their end.", default=0)
+    maneuvers: int = metric("Number of manoeuvres performed to their end.", 0)
     maneuver_rise_m: float | None = metric(
-        "Rise of the centre of mass in the last manoeuvre, m; from its beginning.", default=None
+        "Rise of the centre of mass in the last manoeuvre, m; from its beginning.", None
     )
     maneuver_distance_m: float | None = metric(
-        "Horizontal way of the centre of mass in the last manoeuvre, m; from beginning to end.", default=None
+        "Horizontal way of the centre of mass in the last manoeuvre, m; from beginning to end.", None
     )
     maneuver_turn_deg: float | None = metric(
-        "Turn of the heading to the left in the last manoeuvre, degrees; -180 to 180.", default=None
+        "Turn of the heading to the left in the last manoeuvre, degrees; -180 to 180.", None
     )
-    flight_s: float | None = metric("Time without contact in the last manoeuvre, s.", default=None)
+    flight_s: float | None = metric("Time without contact in the last manoeuvre, s.", None)
     landing_tilt_deg: float | None = metric(
-        "Largest tilt of the base after the flight of the last manoeuvre, degrees.", default=None
+        "Largest tilt of the base after the flight of the last manoeuvre, degrees.", None
     )
 
 

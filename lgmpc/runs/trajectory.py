@@ -1,7 +1,5 @@
 """The arrays of a solved problem: the trajectory, its forces and waypoints, the solver's iterations."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

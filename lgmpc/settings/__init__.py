@@ -137,7 +137,11 @@ class Settings(BaseModel, metaclass=_SettingsType):
             if isinstance(value, Settings):
                 data[name] = value._given()
             elif name in selecting or name in self.model_fields_set:
-                data[name] = [_plain(each) for each in value] if isinstance(value, tuple) else value
+                data[name] = (
+                    [each._given() if isinstance(each, Settings) else each for each in value]
+                    if isinstance(value, tuple)
+                    else value
+                )
         return data
 
 
@@ -157,10 +161,6 @@ def _short(value: Any) -> str:
         return f"{len(value)} {'entry' if len(value) == 1 else 'entries'}"
     text = str(list(value)) if isinstance(value, tuple) else str(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-def _plain(value: Any) -> Any:
-    return value._given() if isinstance(value, Settings) else value
 
 
 def key(default: _T, description: str) -> _T:
@@ -276,13 +276,9 @@ RangeFromZero = Annotated[
 """Two numbers, zero or above, the lower one first."""
 
 
-def _number_or_table(value: Any) -> str:
-    return "table" if isinstance(value, Mapping) else "number"
-
-
 PerJoint = Annotated[
     Union[Annotated[_T, Tag("number")], Annotated[dict[str, _T], Tag("table")]],  # noqa: UP007
-    Discriminator(_number_or_table),
+    Discriminator(lambda value: "table" if isinstance(value, Mapping) else "number"),
 ]
 """``PerJoint[Positive]``: one number for all joints, or ``{joint name or pattern: number}``."""
 PerJointRange = PerJoint[Range]

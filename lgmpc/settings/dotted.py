@@ -80,7 +80,12 @@ def differing(first: Any, second: Any, key: str = "") -> Iterator[Difference]:
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         names: Iterable[Any] = dict.fromkeys([*first, *second])
         parts: list[tuple[Any, Any, Any]] = [(name, first.get(name), second.get(name)) for name in names]
-    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second) and _nested(first):
+    elif (
+        isinstance(first, list)
+        and isinstance(second, list)
+        and len(first) == len(second)
+        and any(isinstance(each, Mapping) for each in first)
+    ):
         parts = [(i, *pair) for i, pair in enumerate(zip(first, second, strict=True))]
     else:
         if first != second:
@@ -97,7 +102,3 @@ def leaves(table: Mapping[str, Any], key: str = "") -> Iterator[tuple[str, Any]]
             yield from leaves(value, f"{key}{name}.")
         else:
             yield f"{key}{name}", value
-
-
-def _nested(values: list[Any]) -> bool:
-    return any(isinstance(each, Mapping) for each in values)

@@ -71,7 +71,7 @@ class PushSchedule:
             of mass; zero while it is not pushed. The arrays are read-only.
         """
         step = round(time / self._dt)
-        active = self._active(step)
+        active = [i for i, (begin, end) in enumerate(self._spans) if begin < step + 1 and step < end]
         if not active:
             return self._at_rest
         wrenches = {body: np.zeros(6) for body in self.bodies}
@@ -84,10 +84,6 @@ class PushSchedule:
     def is_active(self, time: float) -> bool:
         """Return whether a body is pushed during the step that begins at ``time``."""
         return bisect_right(self._edges, round(time / self._dt)) % 2 == 1
-
-    def _active(self, step: int) -> list[int]:
-        """Return the indices of the pushes that cover a part of a step."""
-        return [i for i, (begin, end) in enumerate(self._spans) if begin < step + 1 and step < end]
 
     @staticmethod
     def _freeze(wrenches: dict[str, Array]) -> Mapping[str, Array]:

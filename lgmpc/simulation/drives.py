@@ -4,8 +4,6 @@ The plant advances in steps: commands that arrive within a step act from the nex
 resolution of delays.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -84,7 +82,7 @@ class ActuatorSettings(Settings):
     faults: tuple[JointFault, ...] = key((), "Motors that fail; the last one of a joint holds.")
 
     @model_validator(mode="after")
-    def _line_is_whole(self) -> ActuatorSettings:
+    def _line_is_whole(self) -> "ActuatorSettings":
         if (self.stall_torque_nm is None) != (self.no_load_speed_rad_s is None):
             name = "stall_torque_nm" if self.stall_torque_nm is None else "no_load_speed_rad_s"
             raise problems([Problem(name, None, "a number, because the other end of the torque-speed line is given")])
@@ -110,7 +108,7 @@ class TimingSettings(Settings):
     )
 
     @model_validator(mode="after")
-    def _quantiles_grow(self) -> TimingSettings:
+    def _quantiles_grow(self) -> "TimingSettings":
         found = [
             Problem(name, values, "quantiles that do not decrease")
             for name in ("tick_ms", "plan_ms", "forecast_ms")

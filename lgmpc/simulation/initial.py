@@ -1,24 +1,19 @@
 """The initial state of a simulated robot."""
 
-from __future__ import annotations
-
 import fnmatch
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.lie import quaternion, so3
+from lgmpc.robot import Robot
 from lgmpc.robot.actuators import actuated_joints, match_joints
 from lgmpc.robot.lying import lowest_point, lying_posture
 from lgmpc.robot.posture import put_on_ground
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.typing import Array
 from lgmpc.world import World
-
-if TYPE_CHECKING:
-    from lgmpc.robot import Robot
 
 _TOUCHING = 1e-3  # m; what is nearer to the start's plane than this stands on it
 _UNEVEN = 2e-3  # m

@@ -4,8 +4,6 @@ The loop depends on no particular controller; it drives any that has the :class:
 observer (a recorder, a progress bar) at every control tick.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -74,7 +72,7 @@ class Rates:
     period: float
 
     @classmethod
-    def of(cls, plant_dt: float, control_rate: float, duration: float) -> Rates:
+    def of(cls, plant_dt: float, control_rate: float, duration: float) -> "Rates":
         """Fit the control rate to the plant's step.
 
         Raises:

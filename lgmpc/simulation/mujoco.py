@@ -5,27 +5,22 @@ Pinocchio); everything else that is exchanged here is the same on both sides. Th
 ``pin.Model``, so links joined by fixed joints are one body, and there is no difference between two URDF readers.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import ModelError
-from lgmpc.robot import Box, CollisionShape, Sphere
+from lgmpc.robot import Box, CollisionShape, Robot, Sphere
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
 from lgmpc.world import HeightField, Plane, Softness, World
-
-if TYPE_CHECKING:
-    from lgmpc.robot import Robot
 
 _LOG = logging.getLogger(__name__)
 _CONTACT: Mapping[str, Any] = {"solref": (0.005, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0), "condim": 3}
@@ -50,6 +45,8 @@ class MujocoPlant:
     Attributes:
         model: MuJoCo's model.
         data: MuJoCo's state.
+        dt: duration of one step, s.
+        bodies: names of the bodies that a wrench can act on.
 
     Raises:
         ModelError: if the model has a joint without a counterpart in MuJoCo, or inertias that MuJoCo rejects.
@@ -64,7 +61,7 @@ class MujocoPlant:
         source = simulated_model(robot, params)
         self.model = _compile(robot, source, params, default_world(params) if world is None else world)
         self.data = mujoco.MjData(self.model)
-        self._dt = params.dt
+        self.dt, self.bodies = params.dt, robot.body_names
         self._nu, self._nc = robot.nu, robot.nc
         self._floating = robot.floating_base
         self._effort = real_effort_limit(robot, params)
@@ -80,16 +77,6 @@ class MujocoPlant:
         self._tau = np.zeros(self._nu)
         self._steps = 0
         self.reset(robot.x_reference)
-
-    @property
-    def dt(self) -> float:
-        """Duration of one step, s."""
-        return self._dt
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that a wrench can act on."""
-        return self._robot.body_names
 
     def reset(self, x: Array) -> None:
         """Put the robot into state ``x = (q, v)``, clear wrenches and set the time to zero.
@@ -111,7 +98,7 @@ class MujocoPlant:
         """Continue, without wrenches, from a sample of another plant of the same robot and engine."""
         self.reset(np.concatenate([sample.q, sample.v]))
         self._contact_forces[...] = sample.contact_forces
-        self._tau, self._steps = sample.tau, round(sample.time / self._dt)
+        self._tau, self._steps = sample.tau, round(sample.time / self.dt)
 
     def step(self, tau: Array) -> None:
         """Advance by ``dt`` under joint torques ``tau`` (nu,), N.m, clipped at the actuators' limits.
@@ -125,14 +112,14 @@ class MujocoPlant:
         self._joint_force[...] = self._tau
         mujoco.mj_step(self.model, self.data)
         self._steps += 1
-        check_speed(self._qvel, "MuJoCo plant", self._steps * self._dt)
+        check_speed(self._qvel, "MuJoCo plant", self._steps * self.dt)
 
     def sense(self) -> PlantSample:
         """Return the state reached by the last step."""
         q, v = self._layout.read(self._qpos), self._qvel.copy()
         if self._floating:
             v[0], v[1], v[2] = _turned_back(self._quaternion.tolist(), self._velocity.tolist())
-        return PlantSample(self._steps * self._dt, q, v, self._tau, self._contact_forces.copy())
+        return PlantSample(self._steps * self.dt, q, v, self._tau, self._contact_forces.copy())
 
     def set_wrench(self, body: str, wrench: Array) -> None:
         """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
@@ -172,7 +159,7 @@ class _Layout:
     angles: IntArray
 
     @classmethod
-    def of(cls, model: pin.Model) -> _Layout:
+    def of(cls, model: pin.Model) -> "_Layout":
         pairs: list[tuple[int, int]] = []
         unbounded: list[tuple[int, int]] = []
         end = 0

@@ -19,20 +19,16 @@ friction enters the solver as bounded impulses on the joints.
 [2] Q. Le Lidec et al., "Contact models in robotics: a comparative analysis", 2024.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
+from lgmpc.robot import Robot
 from lgmpc.simulation.parameters import PlantSettings, default_world, real_effort_limit, simulated_model
 from lgmpc.simulation.plant import BodyWrenches, PlantSample, check_speed, check_state, check_torque
 from lgmpc.typing import Array, IntArray
 from lgmpc.world import World
-
-if TYPE_CHECKING:
-    from lgmpc.robot import Robot
 
 _FASTEST = 10.0  # m/s; points that cannot reach the ground in a step at this speed are left out of that step's problem
 _RECOVERY = 0.2  # fraction of a penetration that one step removes, ...
@@ -53,15 +49,19 @@ class PinocchioPlant:
         robot: the robot; its ``effort_limit`` clips the torques.
         params: parameters of the engine and of the simulated robot.
         world: its surfaces; a level floor with the friction of ``params`` unless given.
+
+    Attributes:
+        dt: duration of one step, s.
+        bodies: names of the bodies that a wrench can act on.
     """
 
     def __init__(self, robot: Robot, params: PlantSettings | None = None, world: World | None = None) -> None:
         params = PlantSettings() if params is None else params
         self._robot = robot
         self._world = default_world(params) if world is None else world
-        self._dt = params.dt
+        self.dt, self.bodies = params.dt, robot.body_names
         self._soft = soft = self._world.soft
-        self._resistance = np.inf if soft is None else self._dt * (soft.damping_ns_m + soft.stiffness_n_m * self._dt)
+        self._resistance = np.inf if soft is None else self.dt * (soft.damping_ns_m + soft.stiffness_n_m * self.dt)
         self._joints = robot.joint_v
         self._effort = real_effort_limit(robot, params)
         self._damping = params.joint_damping_nms
@@ -79,16 +79,6 @@ class PinocchioPlant:
         self._frames_key, self._contact_frames = b"", _ContactFrames.of(np.zeros((0, 3)), np.zeros(0))
         self._solver = _ContactSolver(self._model, params, len(self._frames), robot.nu)
         self.reset(robot.x_reference)
-
-    @property
-    def dt(self) -> float:
-        """Duration of one step, s."""
-        return self._dt
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that a wrench can act on."""
-        return self._robot.body_names
 
     @property
     def unsolved_steps(self) -> int:
@@ -115,8 +105,8 @@ class PinocchioPlant:
         pin.framesForwardKinematics(self._model, self._data, self._q)
         feet = slice(self._robot.nc)
         axes = _ContactFrames.of(self._world.distance(np.array(self._centres[feet]))[1], self._radii[feet]).axes
-        self._solver.impulses[feet, 0] = np.matmul(axes, sample.contact_forces[:, :, None])[:, :, 0] * self._dt
-        self._tau, self._steps = sample.tau, round(sample.time / self._dt)
+        self._solver.impulses[feet, 0] = np.matmul(axes, sample.contact_forces[:, :, None])[:, :, 0] * self.dt
+        self._tau, self._steps = sample.tau, round(sample.time / self.dt)
         self._forces = sample.contact_forces.copy()
 
     def step(self, tau: Array) -> None:
@@ -127,7 +117,7 @@ class PinocchioPlant:
             SolverError: if the simulation diverged.
         """
         check_torque(tau, self._robot.nu)
-        model, data, q, v, dt = self._model, self._data, self._q, self._v, self._dt
+        model, data, q, v, dt = self._model, self._data, self._q, self._v, self.dt
         self._tau = np.minimum(np.maximum(tau, -self._effort), self._effort)
         pin.computeJointJacobians(model, data, q)
         pin.updateFramePlacements(model, data)
@@ -157,7 +147,7 @@ class PinocchioPlant:
 
     def sense(self) -> PlantSample:
         """Return the state reached by the last step."""
-        return PlantSample(self._steps * self._dt, self._q.copy(), self._v.copy(), self._tau, self._forces)
+        return PlantSample(self._steps * self.dt, self._q.copy(), self._v.copy(), self._tau, self._forces)
 
     def set_wrench(self, body: str, wrench: Array) -> None:
         """Apply ``wrench`` (6,) = [force; torque] in world axes at the centre of mass of ``body`` until it is changed.
@@ -189,20 +179,20 @@ class PinocchioPlant:
     def _recovery(self, gap: float) -> float:
         """Return the velocity at which a contact below the ground, at ``gap`` < 0, m, would have no force, m/s."""
         if self._soft is None:
-            return max(_RECOVERY * gap / self._dt, -_RISE)
-        return self._soft.stiffness_n_m * gap / (self._soft.damping_ns_m + self._soft.stiffness_n_m * self._dt)
+            return max(_RECOVERY * gap / self.dt, -_RISE)
+        return self._soft.stiffness_n_m * gap / (self._soft.damping_ns_m + self._soft.stiffness_n_m * self.dt)
 
-    def _near_ground(self) -> tuple[IntArray, list[float], _ContactFrames, Array]:
+    def _near_ground(self) -> "tuple[IntArray, list[float], _ContactFrames, Array]":
         """Return the contacts that may close in this step: their points, distances, frames and friction."""
         positions = np.array(self._centres).reshape(-1, 3)
-        near, distances, normals, friction = self._world.contacts(positions, self._radii, _FASTEST * self._dt)
+        near, distances, normals, friction = self._world.contacts(positions, self._radii, _FASTEST * self.dt)
         radii = self._radii[near]
         key = normals.tobytes() + radii.tobytes()
         if key != self._frames_key:  # not on a plane while the same points are near
             self._frames_key, self._contact_frames = key, _ContactFrames.of(normals, radii)
         return near, (distances - radii).tolist(), self._contact_frames, friction
 
-    def _jacobian(self, near: IntArray, frames: _ContactFrames) -> Array:
+    def _jacobian(self, near: IntArray, frames: "_ContactFrames") -> Array:
         """Return the rows of the contact points along their axes, then of the joints if they have friction."""
         joints = self._joints
         count = 3 * len(near)
@@ -320,7 +310,7 @@ class _ContactFrames(NamedTuple):
     level: bool
 
     @classmethod
-    def of(cls, normals: Array, radii: Array) -> _ContactFrames:
+    def of(cls, normals: Array, radii: Array) -> "_ContactFrames":
         """Return the frames (Duff et al., "Building an orthonormal basis, revisited", 2017)."""
         x, y, z = normals.T
         a = -1.0 / (1.0 + z)

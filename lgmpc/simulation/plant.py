@@ -1,20 +1,16 @@
 """The interface of plants to the loop: reset, step, sense, and a wrench on a body."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError, SolverError
+from lgmpc.robot import Robot
+from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.typing import Array
-
-if TYPE_CHECKING:
-    from lgmpc.robot import Robot
-    from lgmpc.simulation.parameters import PlantSettings
-    from lgmpc.world import World
+from lgmpc.world import World
 
 _LARGEST_SPEED = 1e6  # m/s, rad/s
 
@@ -71,7 +67,7 @@ class Plant(Protocol):
         """Return the (3,) world position of the centre of mass of ``body``."""
 
 
-def make_plant(robot: Robot, settings: PlantSettings, world: World | None = None) -> Plant:
+def make_plant(robot: Robot, settings: PlantSettings, world: "World | None" = None) -> Plant:
     """Return the plant of ``settings`` in a world, a level floor unless given; only its engine is imported."""
     if settings.kind == "pinocchio":
         from lgmpc.simulation.pinocchio import PinocchioPlant

@@ -10,8 +10,6 @@ along a trial's own states grows with a trial that diverges. A solution must als
 :class:`FddpSettings`) and a minimum of the model without regularisation, which may take an iteration or two more.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass
@@ -54,7 +52,7 @@ class _Decrease:
         """Return that of a step of length alpha."""
         return alpha * (self.slope + 0.5 * alpha * self.curvature)
 
-    def along(self, gaps: float) -> _Decrease:
+    def along(self, gaps: float) -> "_Decrease":
         """Return that along the states of a roll-out, of which the gaps have a part."""
         return _Decrease(self.slope + gaps, self.curvature - 2.0 * gaps)
 

@@ -1,7 +1,5 @@
 """The common loop of iterative solvers: iteration and time limits, callbacks, the result."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -46,7 +44,7 @@ class Iterate:
     feedback: Array
 
     @classmethod
-    def of(cls, xs: Array, us: Array, feedback: Array) -> Iterate:
+    def of(cls, xs: Array, us: Array, feedback: Array) -> "Iterate":
         """Return read-only views of a solver's arrays."""
         views = [array.view() for array in (xs, us, feedback)]
         for view in views:

@@ -4,8 +4,6 @@ Ipopt is a general solver; fatrop exploits the structure of optimal control (Van
 "FATROP: a fast constrained optimal control problem solver", IROS 2023). Both are part of CasADi.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import replace
@@ -42,7 +40,7 @@ class NlpSettings(SolverSettings):
     tolerance: Positive = key(1e-8, "Largest residual of the optimality conditions of a solution.")
 
     @model_validator(mode="after")
-    def _fatrop_has_no_clock(self) -> NlpSettings:
+    def _fatrop_has_no_clock(self) -> "NlpSettings":
         if self.method == "fatrop" and self.time_limit_s is not None:
             raise problem_with("null: fatrop cannot be interrupted", key="time_limit_s", got=self.time_limit_s)
         return self

@@ -1,7 +1,5 @@
 """The result of every solver of a shooting problem: a trajectory, its residuals and an explanation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 
@@ -191,7 +189,7 @@ class Solution:
         parts = (self.stationarity(), self.defects(), self.constraint_violation(), self.complementarity())
         return KktResidual(*(float(np.abs(part).max()) for part in parts))
 
-    def measured(self) -> Solution:
+    def measured(self) -> "Solution":
         """Return a copy with gaps and residual recomputed."""
         return replace(self, gaps=self.defects(), kkt=self.residual())
 

@@ -15,8 +15,6 @@ takes 200,000 operations, mostly of two products of small matrices, and on tiles
 time than BLAS needs. Where nothing can be compiled it is numpy.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Callable
@@ -59,7 +57,7 @@ class Expansion:
     compiled: bool
 
     @classmethod
-    def of_curvature(cls, jacobian: Array, hessian: Array, last_hessian: Array) -> Expansion:
+    def of_curvature(cls, jacobian: Array, hessian: Array, last_hessian: Array) -> "Expansion":
         """Return an expansion without gradients and gaps, to be swept in numpy."""
         (n, width, ndx), zeros = jacobian.shape, np.zeros
         gains = zeros((n, width - ndx, ndx)), zeros((n, width - ndx))

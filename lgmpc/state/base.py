@@ -29,8 +29,7 @@ class State(ABC):
     """
 
     def __init__(self, nx: int, ndx: int) -> None:
-        self.nx = nx
-        self.ndx = ndx
+        self.nx, self.ndx = nx, ndx
 
     @abstractmethod
     def neutral(self) -> Array:

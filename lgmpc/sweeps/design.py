@@ -1,7 +1,5 @@
 """From the document of a sweep to its points, each with a whole checked config and a key that identifies it."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import itertools
@@ -71,7 +69,7 @@ class Sweep:
     points: tuple[Point, ...]
     bases: tuple[Config, ...]
 
-    def part(self, number: int, count: int) -> Sweep:
+    def part(self, number: int, count: int) -> "Sweep":
         """Return every ``count``-th point, from the ``number``-th on: a part for one of several machines.
 
         Raises:

@@ -1,7 +1,5 @@
 """A sweep from start to end: its points over worker processes, each saved when it is finished."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -43,7 +41,7 @@ class SweepProgress:
         """Simulated seconds per second and core; ``None`` before the first point."""
         return self.simulated_s / self.computed_s if self.computed_s > 0.0 else None
 
-    def after(self, row: Row) -> SweepProgress:
+    def after(self, row: Row) -> "SweepProgress":
         """Return the progress with one more point finished."""
         return replace(
             self,

@@ -1,7 +1,5 @@
 """The folder of a sweep: its document, one line per finished point, and run folders."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os
@@ -109,7 +107,7 @@ class SweepFolder:
     file: FileIO
 
     @classmethod
-    def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> SweepFolder:
+    def open(cls, path: Path, sweep: Sweep, *, resume: bool) -> "SweepFolder":
         """Create the folder, or open an existing one.
 
         Args:

@@ -1,22 +1,18 @@
 """The record of a finished point, one line of JSON, and estimates from many of them with confidence intervals."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from lgmpc.errors import RunFolderError
 from lgmpc.settings.messages import show_value
-
-if TYPE_CHECKING:
-    from lgmpc.sweeps.design import Point
+from lgmpc.sweeps.design import Point
 
 
 class Ending(str, Enum):
@@ -91,7 +87,7 @@ class Row:
         return _ROW.dump_json(self).decode()
 
     @classmethod
-    def from_json(cls, line: bytes, source: str) -> Row:
+    def from_json(cls, line: bytes, source: str) -> "Row":
         """Read a line; ``source`` names it in errors.
 
         Raises:
@@ -109,7 +105,7 @@ class Row:
 _ROW = TypeAdapter(Row)
 
 
-def place(item: Point | Row, *, variant: bool = True) -> str:
+def place(item: "Point | Row", *, variant: bool = True) -> str:
     """Return base, variant (unless left out), levels and draw as text, the same of a point and of its row."""
     parts = [item.base, item.variant if variant else "", dict(item.levels), item.draw]
     return json.dumps(parts, sort_keys=True)

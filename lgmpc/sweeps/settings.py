@@ -1,7 +1,5 @@
 """The document of a sweep: base configs, variations, and the data kept of each run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Union
 
@@ -26,11 +24,9 @@ Number = Annotated[int, Field(strict=True, ge=0, lt=2**31)]
 Points = Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
 
 
-def _one_or_more(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else value
-
-
-Keys = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_one_or_more)]
+Keys = Annotated[
+    tuple[str, ...], Field(min_length=1), BeforeValidator(lambda value: (value,) if isinstance(value, str) else value)
+]
 """A dotted key of the base config, or a list of keys that all get the same value."""
 
 
@@ -65,7 +61,7 @@ class Uniform(_Factor):
     range: Range = Field(description="[lowest, highest]; above zero for log_uniform.")
 
     @model_validator(mode="after")
-    def _positive(self) -> Uniform:
+    def _positive(self) -> "Uniform":
         if self.kind == "log_uniform" and self.range[0] <= 0.0:
             raise problem("[lowest, highest] above zero", key="range", got=self.range)
         return self
@@ -122,7 +118,7 @@ class BisectionSettings(Settings):
     tolerance: Positive = Field(description="Width of the final interval around the boundary.")
 
     @model_validator(mode="after")
-    def _finds_something(self) -> BisectionSettings:
+    def _finds_something(self) -> "BisectionSettings":
         if self.tolerance >= self.range[1] - self.range[0]:
             raise problem("less than the width of the range", key="tolerance", got=self.tolerance)
         return self
@@ -172,7 +168,7 @@ class SweepSettings(Settings):
     )
 
     @model_validator(mode="after")
-    def _varies_each_key_once(self) -> SweepSettings:
+    def _varies_each_key_once(self) -> "SweepSettings":
         draws = self.samples.keys if self.samples else ()
         varied = [
             *((f"factors.{i}.key", key) for i, factor in enumerate(self.factors) for key in factor.key),

@@ -1,7 +1,5 @@
 """Figure and page of a demonstration."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,7 +58,7 @@ def draw_demo(demo: Demo, outcome: Outcome, file: Path | str) -> Path:
     return path
 
 
-def _draw_panel(axes: Axes, panel: Panel) -> None:
+def _draw_panel(axes: "Axes", panel: Panel) -> None:
     # Predictions are drawn dark over the measurements' colours.
     colors = iter(PALETTE * (len(panel.curves) // len(PALETTE) + 1))
     for curve in sorted(panel.curves, key=lambda each: each.dashed):
@@ -83,7 +81,7 @@ def _draw_panel(axes: Axes, panel: Panel) -> None:
         axes.legend(loc="best", frameon=True, framealpha=0.85, edgecolor="none")
 
 
-def _label_decades(axis: Axis) -> None:
+def _label_decades(axis: "Axis") -> None:
     """Label a logarithmic axis at powers of ten, and between them if there are few."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 

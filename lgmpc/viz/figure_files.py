@@ -1,7 +1,5 @@
 """Common parts of all figures: style, titles, legends, limits; their files and their display in notebooks."""
 
-from __future__ import annotations
-
 import io
 import re
 from base64 import b64encode
@@ -54,7 +52,7 @@ _STYLE: dict[Any, Any] = {
 
 
 @contextmanager
-def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[], Figure]]:
+def figure_maker(purpose: str, *, vector: bool = False) -> "Iterator[Callable[[], Figure]]":
     """Yield a function that creates empty figures, without a display and in the common style.
 
     Args:
@@ -78,7 +76,7 @@ def figure_maker(purpose: str, *, vector: bool = False) -> Iterator[Callable[[],
         yield lambda: Picture(layout="constrained")
 
 
-def _png(figure: Figure) -> bytes:
+def _png(figure: "Figure") -> bytes:
     """Return the content of a PNG file. It is drawn once; ``savefig`` draws twice when the layout is constrained."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -98,7 +96,7 @@ class Plots(dict[str, "Figure"]):
         title: title of the run or trajectory.
     """
 
-    def __init__(self, figures: Mapping[str, Figure], title: str) -> None:
+    def __init__(self, figures: "Mapping[str, Figure]", title: str) -> None:
         super().__init__(figures)
         self.title = title
 
@@ -126,7 +124,7 @@ class Plots(dict[str, "Figure"]):
         return "".join(_embedded(figure, f"{name}: {self.title}") for name, figure in self.items())
 
 
-def _embedded(figure: Figure, text: str) -> str:
+def _embedded(figure: "Figure", text: str) -> str:
     data = b64encode(_png(figure)).decode()
     return f'<img src="data:image/png;base64,{data}" alt="{escape(text)}" style="max-width:100%"><br>'
 
@@ -152,7 +150,7 @@ def draw_figures(drawings: Mapping[str, Drawing], title: str) -> Plots:
     return Plots(drawn, title)
 
 
-def _drawn(purpose: str, drawings: Mapping[str, Drawing], *, vector: bool = False) -> Iterator[tuple[str, Figure]]:
+def _drawn(purpose: str, drawings: Mapping[str, Drawing], *, vector: bool = False) -> "Iterator[tuple[str, Figure]]":
     """Yield name and figure of the drawings with data, in the common style while it is used."""
     with figure_maker(purpose, vector=vector) as make:
         for name, draw in drawings.items():
@@ -207,7 +205,7 @@ def figure_title(result: RunResult | SolveResult) -> str:
     return f"{result.name} · {result.verdict.outcome.value} · {result.when}"
 
 
-def legend_above(*all_axes: Axes) -> None:
+def legend_above(*all_axes: "Axes") -> None:
     """Place the legend of each axes above its right end."""
     for axes in all_axes:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1, handlelength=1.4)

@@ -1,7 +1,5 @@
 """Marks of replays: arrows, friction cones, the centre of mass, targets, paths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,7 +45,7 @@ class Scale:
     newtons: float
 
     @classmethod
-    def of(cls, height: float, weight: float, feet: int) -> Scale:
+    def of(cls, height: float, weight: float, feet: int) -> "Scale":
         """Return the scale for a robot of ``height`` m with ``weight`` N on ``feet`` feet of any number of points."""
         share = max(weight / max(feet, 1), 1e-6)
         power = 10.0 ** math.floor(math.log10(share))

@@ -1,7 +1,5 @@
 """Triangle meshes of a scene, shaded with sharp creases."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -37,7 +35,7 @@ class Mesh:
     faces: NDArray[np.uint32]
 
     @classmethod
-    def joined(cls, meshes: Sequence[Mesh]) -> Mesh:
+    def joined(cls, meshes: "Sequence[Mesh]") -> "Mesh":
         """Return one mesh of several."""
         first = np.cumsum([0, *(len(mesh.positions) for mesh in meshes[:-1])], dtype=np.uint32)
         return cls(

@@ -1,7 +1,5 @@
 """Overlays of replays: contacts, centre of mass, prediction, pushes, footholds, swings, thrusts, targets, paths."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +39,7 @@ class Frames:
     ticks: IntArray
 
     @classmethod
-    def of(cls, log: RunLog, rate_hz: float = 50.0, limit: int = 3000) -> Frames:
+    def of(cls, log: RunLog, rate_hz: float = 50.0, limit: int = 3000) -> "Frames":
         """Return pictures at ``rate_hz``, at most ``limit``, up to the first state that is not finite."""
         end = max(log.finite_ticks, 1)
         elapsed = log.time[:end] - log.time[0]
@@ -213,7 +211,7 @@ class Pictures:
     q: Array
 
     @classmethod
-    def of(cls, robot: Robot, log: TrajectoryLog, rate_hz: float = _RATE_HZ, limit: int = _MOST) -> Pictures:
+    def of(cls, robot: Robot, log: TrajectoryLog, rate_hz: float = _RATE_HZ, limit: int = _MOST) -> "Pictures":
         """Return pictures at ``rate_hz``, at most ``limit``, with configurations interpolated on their manifold."""
         count = max(2, min(int(np.ceil((log.times[-1] - log.times[0]) * rate_hz)) + 1, limit))
         times = np.linspace(log.times[0], log.times[-1], count)

@@ -137,14 +137,9 @@ def in_notebook() -> bool:
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")
 
 
-def _has_desktop() -> bool:
-    """Return whether a browser window can be opened."""
-    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
 def open_page(page: Path | str) -> None:
     """Open a page, a file or an address, in the default browser, if there is a desktop."""
-    if _has_desktop():
+    if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(page if isinstance(page, str) else page.resolve().as_uri())
 
 

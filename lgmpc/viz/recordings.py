@@ -5,8 +5,6 @@ and every channel of the log as a time series. Poses and marks have at most :dat
 every tick of the log. Times are those of the log: seconds since the start of the run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +77,7 @@ class _Recording:
     channels: dict[str, list[Column]]
 
     @classmethod
-    def of(cls, robot: Robot, run: Run, ground: World) -> _Recording:
+    def of(cls, robot: Robot, run: Run, ground: World) -> "_Recording":
         """Return the contents of a run's recording.
 
         Raises:

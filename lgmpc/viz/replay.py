@@ -1,7 +1,5 @@
 """The replay of a run or of a solved trajectory: its scene, and the contents of the page's panels."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -274,7 +272,7 @@ class _Framing:
         return float(np.linalg.norm(self.highest - self.lowest))
 
     @classmethod
-    def of(cls, body: Body, log: TrajectoryLog, pictures: overlay.Pictures) -> _Framing:
+    def of(cls, body: Body, log: TrajectoryLog, pictures: overlay.Pictures) -> "_Framing":
         """Return the framing of the whole motion or, if it is long, of the moving robot."""
         chosen = np.unique(np.linspace(0, len(pictures.q) - 1, 24).astype(int))
         corners = np.array([body.bounds(q) for q in pictures.q[chosen]])

@@ -76,8 +76,7 @@ class Scene:
         self._clips: list[dict[str, Any]] = []
         self._bytes = bytearray()
         self._geometries: dict[int, tuple[Mesh, dict[str, Any]]] = {}
-        self._count = 0
-        self.duration = 0.0
+        self._count, self.duration = 0, 0.0
 
     def add_mesh(self, path: str, mesh: Mesh, material: Material) -> None:
         """Add a geometry at ``path``; one that is used several times is stored once."""

@@ -1,7 +1,5 @@
 """Figures of a solved trajectory."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -41,7 +39,7 @@ def trajectory_drawings(robot: Robot, run: SolvedRun) -> dict[str, Drawing]:
     }
 
 
-def _base(figure: Figure, log: TrajectoryLog) -> bool:
+def _base(figure: "Figure", log: TrajectoryLog) -> bool:
     if not log.floating_base:
         return False
     linear, angular = (("Linear velocity, base axes", "m/s"), ("Angular velocity, base axes", "rad/s"))
@@ -57,7 +55,7 @@ def _base(figure: Figure, log: TrajectoryLog) -> bool:
     return True
 
 
-def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
+def _joints(figure: "Figure", log: TrajectoryLog, robot: Robot) -> bool:
     """Draw positions of the joints within their ranges, and velocities as fractions of their limits."""
     if robot.nu == 0:
         return False
@@ -74,7 +72,7 @@ def _joints(figure: Figure, log: TrajectoryLog, robot: Robot) -> bool:
     return True
 
 
-def _controls(figure: Figure, log: TrajectoryLog) -> bool:
+def _controls(figure: "Figure", log: TrajectoryLog) -> bool:
     """Draw controls, constant over each interval, and their limits."""
     names: list[str] = log.control_names.tolist()
     if not names:
@@ -84,7 +82,7 @@ def _controls(figure: Figure, log: TrajectoryLog) -> bool:
     return True
 
 
-def _forces(figure: Figure, log: TrajectoryLog) -> bool:
+def _forces(figure: "Figure", log: TrajectoryLog) -> bool:
     """Draw each contact's forces, constant over each interval, and its friction limit."""
     if not log.contact_flags.any():
         return False
@@ -101,7 +99,7 @@ def _held(values: Array) -> Array:
     return np.concatenate((values, values[-1:]))
 
 
-def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
+def _convergence(figure: "Figure", log: TrajectoryLog) -> bool:
     """Draw cost, gaps, the measure compared with the tolerance, and steps, over the iterations."""
     count = len(log.iteration_cost)
     if count == 0:
@@ -132,7 +130,7 @@ def _convergence(figure: Figure, log: TrajectoryLog) -> bool:
     return True
 
 
-def _finish(log: TrajectoryLog, *all_axes: Axes) -> None:
+def _finish(log: TrajectoryLog, *all_axes: "Axes") -> None:
     """Fit the time axis, and mark the times of targets."""
     for axes in all_axes:
         axes.set_xlim(float(log.times[0]), float(log.times[-1]))

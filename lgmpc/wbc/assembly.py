@@ -13,8 +13,6 @@ The known friction of the joints, ``tau_f``, depends on their measured speeds: t
 Of feet in the air all force components have equal bounds, zero, which fixes them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +54,7 @@ class Contacts:
     highest_normal: Array
 
     @classmethod
-    def standing(cls, robot: Robot, settings: WholeBodySettings, normals: Array | None = None) -> Contacts:
+    def standing(cls, robot: Robot, settings: WholeBodySettings, normals: Array | None = None) -> "Contacts":
         """Return all feet in contact, the weight shared equally, within the limits of (scaled) settings.
 
         Args:

@@ -55,8 +55,7 @@ class WholeBodyController:
     """
 
     def __init__(self, robot: Robot, settings: WholeBodySettings, tasks: Sequence[Task] | None = None) -> None:
-        self.robot = robot
-        self.settings = settings
+        self.robot, self.settings = robot, settings
         self.terms = WholeBodyTerms(robot)
         self.tasks: Mapping[str, Task] = _by_name(standard_tasks(robot, settings) if tasks is None else tasks)
         held = [(self.tasks.get(hand.frame), hand) for hand in settings.hands]

@@ -1,7 +1,5 @@
 """Settings of the whole-body controller: the weights and gains of its tasks, its limits, its solver."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from typing import Annotated, Literal
@@ -205,7 +203,7 @@ class WholeBodySettings(Settings):
         0.1, "Joint damping added to the last command when the solver failed, N.m.s/rad."
     )
 
-    def scaled(self, robot: Robot) -> WholeBodySettings:
+    def scaled(self, robot: Robot) -> "WholeBodySettings":
         """Return the settings for this robot: the weights of momenta and forces and the normal forces by its mass."""
         factor, weights, stepping = weight_factor(robot.mass), self.weights, self.stepping_weights
         short, turning = self.short_support_weights, turning_factor(robot.mass)

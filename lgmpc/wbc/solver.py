@@ -109,8 +109,7 @@ class WholeBodySolver:
         self.solution: Array = self._active_set.solution
         self.values: Array = self._active_set.values
         self._try_active_set = self._active_set.solve if method == "active_set" else _not_tried
-        self.took_over = False
-        self._fresh = True
+        self.took_over, self._fresh = False, True
 
     def reset(self) -> None:
         """Discard the warm start: the next solve begins as the first one did."""

@@ -28,6 +28,6 @@ from lgmpc.world.surfaces import (
     Softness as Softness,
     Surface as Surface,
     SurfaceContacts as SurfaceContacts,
+    Terrain as Terrain,
 )
-from lgmpc.world.terrain import Terrain as Terrain
 from lgmpc.world.world import World as World

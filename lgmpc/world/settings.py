@@ -131,11 +131,10 @@ def _by_name(value: Any) -> Any:
     if not isinstance(value, Mapping):
         return value
     kind = value.get("kind", "floor")
-    return {**(named_world(kind) if isinstance(kind, str) else {"kind": kind}), **_without_kind(value)}
-
-
-def _without_kind(section: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in section.items() if key != "kind"}
+    return {
+        **(named_world(kind) if isinstance(kind, str) else {"kind": kind}),
+        **{key: each for key, each in value.items() if key != "kind"},
+    }
 
 
 AnyWorld = Union[  # noqa: UP007

@@ -1,4 +1,4 @@
-"""Planes, and the queries that all surfaces of a world answer."""
+"""Planes, the queries that all surfaces of a world answer, and those of the ground, the true or the believed one."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -137,3 +137,22 @@ class Plane:
         distance, normals = self.distance(points)
         near = np.flatnonzero(distance < limit)
         return SurfaceContacts(near, distance[near], normals[near], np.full(len(near), self.coefficient))
+
+
+class Terrain(Protocol):
+    """The ground below points (n, 2) of the world's horizontal plane, m; every query is one call for all points."""
+
+    def height(self, points: Array) -> Array:
+        """Return (n,) heights, m."""
+
+    def normal(self, points: Array) -> Array:
+        """Return (n, 3) unit normals, upward."""
+
+    def friction(self, points: Array) -> Array:
+        """Return (n,) Coulomb coefficients."""
+
+    def steppable(self, points: Array, radius: float) -> BoolArray:
+        """Return (n,) whether a foot of ``radius``, m, stands on one surface there, away from its edges."""
+
+    def highest(self, begin: Array, end: Array) -> Array:
+        """Return (n,) the greatest height of the ground along each segment from ``begin`` to ``end``, (n, 2), m."""

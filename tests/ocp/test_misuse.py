@@ -104,7 +104,6 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "ContactControlGravity, no contacts": (residual(ContactControlGravity), dict(nu=6)),
     "ContactControlGravity": (residual(ContactControlGravity, STANDING), dict(nu=STANDING.nu)),
     "CoMPosition": (residual(CoMPosition), dict(reference=0.0)),
-    "CoMVelocity": (residual(CoMVelocity), dict(reference=0.0)),
     "CentroidalMomentum": (residual(CentroidalMomentum), dict(reference=0.0)),
     "FramePlacement": (residual(FramePlacement), dict(frame="effector_body", reference=[0, 0, 0, 0, 0, 0, 1.0])),
     "FrameRotation": (residual(FrameRotation), dict(frame="effector_body", reference=[0, 0, 0, 1.0])),

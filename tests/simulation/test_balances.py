@@ -10,9 +10,8 @@ import pytest
 from lgmpc.config import load_config
 from lgmpc.config.robots import build_robot
 from lgmpc.robot import Robot
-from lgmpc.simulation.balances import momentum_and_energy
 from lgmpc.simulation.mujoco import MujocoPlant
-from lgmpc.simulation.parameters import PlantSettings, simulated_model
+from lgmpc.simulation.parameters import PlantSettings, momentum_and_energy, simulated_model
 
 
 def test_they_are_those_of_the_simulated_masses(solo12: Robot) -> None:

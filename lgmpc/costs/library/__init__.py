@@ -10,7 +10,6 @@ from lgmpc.costs.library.forces import (
 from lgmpc.costs.library.motion import (
     CentroidalMomentum as CentroidalMomentum,
     CoMPosition as CoMPosition,
-    CoMVelocity as CoMVelocity,
     ContactControlGravity as ContactControlGravity,
     Control as Control,
     FramePlacement as FramePlacement,

@@ -25,8 +25,7 @@ class ContactForce(Residual):
     """
 
     def __init__(self, frame: str, size: int = 3, reference: ArrayLike = 0.0) -> None:
-        self.frame = frame
-        self.nr = size
+        self.frame, self.nr = frame, size
         self.parameters = (Parameter("reference", size, "reference of the contact force, world axes, N", reference),)
 
     def expression(self, s: StageSymbols) -> Any:

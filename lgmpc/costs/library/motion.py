@@ -134,20 +134,6 @@ class CoMPosition(_Difference):
         return s.com
 
 
-class CoMVelocity(_Difference):
-    """Velocity of the centre of mass minus ``reference`` (3,), world axes, m/s.
-
-    Args:
-        reference: default of the parameter ``reference``.
-    """
-
-    nr = 3
-    meaning = "reference of the velocity of the centre of mass, world, m/s"
-
-    def _quantity(self, s: StageSymbols) -> Any:
-        return s.robot.vcom(s.q, s.v)
-
-
 class CentroidalMomentum(_Difference):
     """Centroidal momentum [linear; angular] minus ``reference`` (6,), world axes, N.s and N.m.s.
 
@@ -262,8 +248,7 @@ class FrameVelocity(Residual):
     nr = 6
 
     def __init__(self, frame: str, axes: Any = pin.LOCAL, reference: ArrayLike = 0.0) -> None:
-        self.frame = frame
-        self.axes = axes
+        self.frame, self.axes = frame, axes
         self.parameters = (Parameter("reference", 6, f"velocity to reach, {axes} axes, m/s and rad/s", reference),)
 
     def expression(self, s: StageSymbols) -> Any:

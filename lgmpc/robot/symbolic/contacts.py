@@ -4,8 +4,6 @@ All functions take configuration and velocity where they need them, and the norm
 geometry is that of :mod:`lgmpc.robot.feet`.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
@@ -29,7 +27,7 @@ class ContactPoints:
         normals: (3 nc,) unit normals of the surfaces under the feet, world axes.
     """
 
-    def __init__(self, robot: Robot, q: Any, v: Any, normals: Any) -> None:
+    def __init__(self, robot: "Robot", q: Any, v: Any, normals: Any) -> None:
         self._robot, self._model, self._q, self._v = robot, robot.symbolic, q, v
         self._normals = [normals[3 * i : 3 * i + 3] for i in range(robot.nc)]
 

@@ -86,7 +86,7 @@ def mass_matrix(tree: Tree, steps: list[Placement], forces: list[list[Wrench]], 
     for index, joint in enumerate(tree.joints, start=1):
         columns = forces[index]
         block = ca.horzcat(*(_project(joint, column) for column in columns)) + ca.diag(ca.DM(joint.armature))
-        matrix[joint.v, joint.v] = _mirrored(block)
+        matrix[joint.v, joint.v] = ca.triu2symm(ca.triu(block))  # both halves are the same expressions
         here = index
         while tree.joints[here - 1].parent:
             columns = [carried(steps[here], column) for column in columns]
@@ -152,11 +152,6 @@ def _at_center(tree: Tree, gathered: list[Composite], steps: list[Placement], ro
     arm = step.translation - center_of_mass(tree, gathered, steps)
     linear = ca.mtimes(step.rotation, momentum[0])
     return ca.vertcat(linear, ca.mtimes(step.rotation, momentum[1]) + ca.cross(arm, linear))
-
-
-def _mirrored(block: Any) -> Any:
-    """Return a symmetric matrix with the upper triangle of ``block``, so that both halves are the same expressions."""
-    return ca.triu2symm(ca.triu(block))
 
 
 def _moment_of_field(field: Any, second: Any) -> Any:

@@ -1,7 +1,5 @@
 """The symbolic algorithms of one ``pin.Model``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -40,34 +38,25 @@ class SymbolicModel:
     Args:
         model: a model of free-flyer, spherical, revolute, continuous and prismatic joints.
 
+    Attributes:
+        nq: size of the configuration.
+        nv: size of the velocity.
+        mass: of all moving bodies, kg.
+
     Raises:
         ModelError: a joint of another kind; all such are listed.
     """
 
     def __init__(self, model: pin.Model) -> None:
         self.model = model
-        self._tree = read_tree(model)
+        self._tree = tree = read_tree(model)
+        self.nq, self.nv, self.mass = tree.nq, tree.nv, tree.mass
         self._frames: dict[int | str, frames.Frame] = {}
         self._known: dict[str, list[tuple[tuple[Any, ...], Any]]] = {}
 
-    def __reduce__(self) -> tuple[type[SymbolicModel], tuple[pin.Model]]:
+    def __reduce__(self) -> "tuple[type[SymbolicModel], tuple[pin.Model]]":
         """Restore without the intermediate results."""
         return SymbolicModel, (self.model,)
-
-    @property
-    def nq(self) -> int:
-        """Size of the configuration."""
-        return self._tree.nq
-
-    @property
-    def nv(self) -> int:
-        """Size of the velocity."""
-        return self._tree.nv
-
-    @property
-    def mass(self) -> float:
-        """Mass of all moving bodies, kg."""
-        return self._tree.mass
 
     # Configurations
 

@@ -9,8 +9,6 @@ joint's frame. With them the recursions need no linear velocities (Luh, Walker a
 gives the acceleration ``a + B r`` of any point ``r`` of the body.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +34,7 @@ class Placement:
     rotation: Any
     translation: Any
 
-    def compose(self, other: Placement) -> Placement:
+    def compose(self, other: "Placement") -> "Placement":
         """Return the placement of ``other``'s frame in the frame in which this one is placed."""
         return Placement(
             ca.mtimes(self.rotation, other.rotation), ca.mtimes(self.rotation, other.translation) + self.translation

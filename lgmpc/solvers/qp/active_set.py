@@ -91,9 +91,7 @@ class ActiveSetSolver:
             raise InputError("tolerance", tolerance, "above 0")
         s = qp.structure
         self.qp, self.tolerance, self.max_sweeps, self.max_iterations = qp, tolerance, max_sweeps, max_iterations
-        self.iterations = 0
-        self.took_over = False
-        self.may_use_fallbacks = True
+        self.iterations, self.took_over, self.may_use_fallbacks = 0, False, True
         # PIQP bounds products of multiplier and distance; the smaller of the two may be as large as the root.
         piqp = (PiqpSolver(qp, 1e-2 * tolerance, most, kind) for kind, most in _PIQP) if fallbacks is None else ()
         self._fallbacks = tuple(piqp if fallbacks is None else fallbacks)

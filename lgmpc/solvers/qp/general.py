@@ -81,8 +81,7 @@ class GeneralQpSolver(ABC):
             raise MissingDependencyError(
                 name, f"the QP solver '{self.name}'", f'pip install "{self.package}"'
             ) from error
-        self.qp, self.tolerance, self.max_iterations = qp, tolerance, max_iterations
-        self.iterations = 0
+        self.qp, self.tolerance, self.max_iterations, self.iterations = qp, tolerance, max_iterations, 0
         self._solver: Any = None  # the package's, from the first solve on
         self._finite = False
         self._assemble()

@@ -1,7 +1,5 @@
 """The interfaces of solvers of linear-quadratic problems, with bounds and without, and their results."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC
 from collections.abc import Callable
@@ -44,7 +42,7 @@ class QpSolution:
     multipliers: Array
 
     @classmethod
-    def zeros(cls, qp: OcpQp) -> QpSolution:
+    def zeros(cls, qp: OcpQp) -> "QpSolution":
         """Return the step zero with multipliers zero."""
         s = qp.structure
         shapes = ((s.nodes + 1, s.ndx), (s.nodes, s.nu), (s.nodes, s.ndx), (s.nodes, s.ng))

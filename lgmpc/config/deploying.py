@@ -8,6 +8,7 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -167,7 +168,7 @@ def _arrange_planning(config: Config, controller: LeggedController) -> None:
     planner, planning, reacts = controller.planner, config.deployment.planning, config.locomotion.reaction.enabled
     if planner is None:
         return
-    planner.deferred = planning == "after_command"
+    planner.deferred = planning == "after_command" and not reacts
     if planning == "own_process":
         if reacts:
             expected = "another: steps against pushes are forecast in the loop's own process (locomotion.reaction)"
@@ -229,9 +230,12 @@ class DeploymentSession:
             if self.watch is not None:
                 self.watch(recorded)
 
-        def finish() -> None:
-            if planner is not None and planner.deferred:
-                controller.finish()
+        def plan() -> None:
+            begun = perf_counter()
+            if planner is not None and planner.finish(controller.wbc.terms):
+                report = controller.report
+                spent = report.plan_ms + 1e3 * (perf_counter() - begun)
+                controller.report = report._replace(plan=planner.plan, plan_ms=spent)
             if apart is not None and planner is not None and apart.arrived:
                 planner.expire()  # the next tick takes the plan
 
@@ -247,7 +251,7 @@ class DeploymentSession:
                 period_s=self.rates.period,
                 duration_s=self.rates.ticks * self.rates.period,
                 settings=self.config.deployment,
-                after_command=finish,
+                after_command=plan,
                 on_tick=record,
                 limits=JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit),
                 operator=self.operator,

@@ -98,26 +98,32 @@ class LeggedController:
         period: float = 1e-3,
     ) -> None:
         settings = LocomotionSettings() if locomotion is None else locomotion
-        self.robot, self.wbc, self.floor, self.planner = robot, wbc, floor, planner
+        self.robot = robot
+        self.wbc = wbc
         self._tasks = MotionTasks.of(wbc.tasks)
+        self.floor = floor
+        self.planner = planner
         named = gaits_of(robot, settings) if gaits is None else gaits
         self.feet = Feet(robot, settings, named, wbc.contacts, 0.0 if delays is None else delays.total_s, period)
         self.command = MotionCommand()
         self.commands: CommandSource = CommandTimeline(()) if commands is None else commands
         self._desired = DesiredMotion(robot, self.feet.legs, settings, offset)
         self.target, self.base_target = self._desired.target, self._desired.base_target
-        self._predictor = StatePredictor(robot, period, delays) if delays is not None and delays.total_s > 0.0 else None
-        self._measured = wbc.terms if self._predictor is None else WholeBodyTerms(robot)
+        delayed = delays is not None and delays.total_s > 0.0
+        self._predictor = StatePredictor(robot, period, delays) if delays is not None and delayed else None
+        self._measured = WholeBodyTerms(robot) if delayed else wbc.terms
         self.joint_friction = joint_friction
         self._references = JointReferences(robot, DriveSettings() if drives is None else drives, period)
         self.faults = JointFaults(joint_faults, robot, wbc, self.feet, self._references)
         found = floor, self._predictor, joint_friction, self.faults, planner and planner.observer
         self._estimators: list[Any] = [each for each in found if each is not None]
-        self._period, self._time, self._elapsed = period, math.nan, period
+        self._period = period
+        self._time, self._elapsed = math.nan, period
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
         self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass)
         self._mode_settings = ModeSettings() if modes is None else modes
-        self.modes, self._inputs = ModeMachine(), TransitionInputs()
+        self.modes = ModeMachine()
+        self._inputs = TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
         self._rest = RestMonitor(self._mode_settings.lie_still_s, self._mode_settings.rearm == "automatic")
         self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet, period)
@@ -127,7 +133,7 @@ class LeggedController:
         self._standing_forces = np.tile([0.0, 0.0, self._weight / robot.nc], (robot.nc, 1))
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
-        self._planned, self._balances, self._plan_s = False, False, 0.0  # what the last tick did
+        self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
         self.report = self._report(math.nan, 0.0)._replace(tick_ms=0.0)
 
     @property
@@ -154,35 +160,20 @@ class LeggedController:
     def update(self, state: RobotState) -> Command:
         """Return the joint command for the measured state; never raises for what the robot does."""
         started = perf_counter()
-        self._planned, self._balances, self._plan_s = False, False, 0.0
+        self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
         command = self._decide(state)
         self.report = self._report(state.time, started)
-        if self.planner is not None and not self.planner.deferred:
-            self.finish()
         return command
-
-    def finish(self) -> None:
-        """Plan or forecast for the next command; to be called after each :meth:`update` if its planner is deferred."""
-        planner, steps, wbc, started, report = self.planner, self.push_steps, self.wbc, perf_counter(), self.report
-        assert planner is not None
-        if self._planned:
-            planner.finish(wbc.terms)
-            if self._balances:
-                steps.watch(report.time, planner, wbc.terms, self._motion, self._friction(planner), wbc.forces)
-            self.report = report._replace(plan=planner.plan, plan_ms=report.plan_ms + 1e3 * (perf_counter() - started))
-        elif self._balances and steps.deciding:
-            steps.evaluate(planner)
-            self.report = report._replace(forecast_ms=1e3 * (perf_counter() - started))
 
     def _report(self, time: float, started: float) -> TickReport:
         """Return the report of the tick that began at ``started`` on the clock, s."""
-        wbc, feet, terms = self.wbc, self.feet, self.wbc.terms
+        wbc, feet, terms, spent = self.wbc, self.feet, self.wbc.terms, self._plan_s + self._forecast_s
         return TickReport(
             time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.points.spread(feet.stance),
             feet.points.spread(feet.events.states), terms.contact_points, terms.com, terms.momentum, self.target,
             self.base_target, feet.targets, feet.point_footholds, wbc.forces, wbc.external_wrench,
             wbc.joint_friction, wbc.status, None if self.planner is None else self.planner.plan, self._planned,
-            1e3 * (perf_counter() - started - self._plan_s), 1e3 * self._plan_s, 0.0,
+            1e3 * (perf_counter() - started - spent), 1e3 * self._plan_s, 1e3 * self._forecast_s,
         )  # fmt: skip
 
     def _decide(self, state: RobotState) -> Command:
@@ -235,7 +226,7 @@ class LeggedController:
 
     def _plan(self, time: float, planner: Planner, missed: int) -> None:
         """Estimate the external wrench, plan if it is time to, and write the plan's targets of this tick."""
-        wbc, terms, steps, self._balances, started = self.wbc, self.wbc.terms, self.push_steps, True, perf_counter()
+        wbc, terms, steps, started = self.wbc, self.wbc.terms, self.push_steps, perf_counter()
         wbc.external_wrench[...] = planner.observe(self._measured.momentum, missed)
         follows = not (self.robot.short_support and self.feet.standing)
         if not follows:
@@ -247,11 +238,14 @@ class LeggedController:
         if planner.due(time) or self.feet.changed:
             self._write_horizon(time, planner)
             planner.plan_from(time, terms)
+            steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces)
             self._inputs.reacting |= steps.return_feet(time, self._motion, self.command.moves, self._mode_settings)
             self._planned, self._plan_s = True, perf_counter() - started
-        elif steps.decide(time, planner):
-            self._inputs.reacting = True
-            planner.expire()
+        elif steps.deciding:
+            if steps.decide(time, planner):
+                self._inputs.reacting = True
+                planner.expire()
+            self._forecast_s = perf_counter() - started
         if not (follows and planner.follow(time, self._tasks, wbc.contacts)):
             self._desired.write_balance(self._tasks)
 

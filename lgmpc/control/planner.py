@@ -94,23 +94,31 @@ class Planner:
         sampler = self._sampler
         return sampler.plan is None or self._expired or time - sampler.start > (self._every - 0.5) * self._period
 
-    def plan_from(self, time: float, terms: WholeBodyTerms) -> None:
-        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`, where deferred in :meth:`finish`."""
-        self._expired, self._asked = False, time
-        if self.plan is None or not self.deferred:
-            self.finish(terms)
+    def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
+        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan that is followed."""
+        followed = self.plan
+        self._expired = False
+        if self.deferred and followed is not None:
+            self._asked = time
+            return followed
+        return self._make(time, terms)
 
-    def finish(self, terms: WholeBodyTerms) -> None:
-        """Make the plan that this tick has left, if any. It is followed from the next tick on.
+    def finish(self, terms: WholeBodyTerms) -> bool:
+        """Make the plan that this tick has left; return whether there was one. It is followed from the next tick on.
 
         To be called in the same tick: state, contacts and motion are those of :meth:`plan_from`.
         """
         time, self._asked = self._asked, math.nan
-        if math.isnan(time):
-            return
+        if math.isnan(time) or self.plan is None:
+            return False
+        self._make(time, terms)
+        return True
+
+    def _make(self, time: float, terms: WholeBodyTerms) -> Plan:
         plan = self.forecast(self.state(time, terms), self.contacts, self.motion, self.wrench)
         self._sampler.load(plan, time)
         self.load.update(self.observer.wrench)
+        return plan
 
     def state(self, time: float, terms: WholeBodyTerms) -> MeasuredState:
         """Return the sensed state, whose arrays change at the next tick."""

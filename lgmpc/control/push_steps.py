@@ -54,8 +54,8 @@ class PushSteps:
 
     The MPC's plan is the prediction; a robot on soles, which does not follow its plan while it stands, is judged by its
     measured motion. If the capture point leaves the support, the same MPC plans from the measured state with every
-    schedule of steps, one update after each command, and the schedule of least cost is executed. After its first cycles
-    the robot steps back to its initial position, and stands.
+    schedule of steps, one update per tick so that no tick is late, and the schedule of least cost is executed. After
+    its first cycles the robot steps back to its initial position, and stands.
 
     Args:
         settings: see :class:`~lgmpc.locomotion.reaction.StepReactionSettings`.
@@ -143,11 +143,11 @@ class PushSteps:
             loads = self._feet.points.total(np.sum(forces * terms.normals, axis=1))
             self._pushed = _Pushed(state, planner.wrench, motion, desired, contacts, friction, loads)
 
-    def evaluate(self, planner: Planner) -> None:
-        """Evaluate the next schedule of the decision under way, which no command of this tick needs."""
+    def decide(self, time: float, planner: Planner) -> bool:
+        """Evaluate the next schedule, if a decision is under way; return whether steps begin at ``time``, s."""
+        if not self.deciding or self._pushed is None:
+            return False
         pushed = self._pushed
-        if pushed is None or len(self.costs) == len(self._schedules):
-            return
         schedule = self._schedules[len(self.costs)]
         if self._updates == 0:
             self._write_horizon(schedule, pushed, planner.mpc.settings.node_s)
@@ -160,20 +160,16 @@ class PushSteps:
         mpc.set_state(kept)
         self._updates += 1
         if self._updates < 2:  # the first one leads from the last schedule's solution to near this one's
-            return
+            return False
         self._updates = 0
         self._guesses.append(self._guess)
         self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if plan.status.fresh else math.inf)
-
-    def decide(self, time: float, planner: Planner) -> bool:
-        """Return whether steps begin at ``time``, s: those of the best schedule, once all are evaluated."""
-        pushed = self._pushed
-        if not self.deciding or pushed is None or len(self.costs) < len(self._schedules):
+        if len(self.costs) < len(self._schedules):
             return False
         self.deciding = False
         chosen = least(self.costs, [each.load(pushed.forces) for each in self._schedules])
         best = self._schedules[chosen]
-        planner.mpc.set_state(self._guesses[chosen])  # which the next plan is near
+        mpc.set_state(self._guesses[chosen])  # which the next plan is near
         _LOG.info("steps against a push at %.3f s: %s", time, best)
         if not self.active:
             self._home = self._reference.x, self._reference.y, self._reference.yaw

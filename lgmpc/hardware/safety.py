@@ -54,8 +54,9 @@ class DeploymentSettings(Settings):
     planning: Literal["in_tick", "after_command", "own_process"] = key(
         "after_command",
         "When the MPC plans: before the command of its tick, as in a simulation; after that command, which"
-        " follows the plan before, as do forecasts of steps against pushes (locomotion.reaction); or in a process of"
-        " its own, for which the loop does not wait: for models whose update takes longer than a tick.",
+        " follows the plan before, except where steps against pushes are forecast (locomotion.reaction), which need the"
+        " plan at once; or in a process of its own, for which the loop does not wait: for models whose update takes"
+        " longer than a tick.",
     )
     cores: tuple[Annotated[int, Field(strict=True, ge=0)], ...] = key(
         (), "Processor cores that the loop may use; none named: all."

@@ -109,8 +109,8 @@ def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
     assert planner is not None
     feet.begin(0.0, terms.contact_points, None)
     steps.watch(0.0, planner, terms, motion, 0.6, np.ones((4, 3)))
-    while not steps.decide(0.0, planner):
-        steps.evaluate(planner)
+    while steps.deciding:
+        steps.decide(0.0, planner)
     assert steps.active
     reference.begin(np.array([*home + [0.18, 0.24], 0.0]), yaw + 0.5)
     ahead, left, speeds, turns, away = np.array([0.6, 0.8]), np.array([-0.8, 0.6]), [], [], []

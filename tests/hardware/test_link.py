@@ -25,7 +25,6 @@ from lgmpc.config import Config, load_config
 from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
-from lgmpc.control.push_steps import PushSteps
 from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.hardware import Deployment, Ending, UdpDriver, UdpRobot
 from lgmpc.hardware.packets import Layout
@@ -257,22 +256,6 @@ def test_a_robot_trots_on_while_its_mpcs_process_stops_and_ends(
     assert not faults and deployment.ending is Ending.DURATION and seen[-1].restarts == 1
     assert served.q[-1, 0] > 0.5 and served.q[:, 2].min() > 0.2
     assert np.abs(served.q[:, 3:5]).max() < np.sin(np.radians(5.0) / 2.0)
-
-
-@pytest.mark.slow  # 5 s
-def test_forecasts_of_steps_are_made_after_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A deployed robot, whose plans are deferred, steps against a push that its feet do not hold."""
-    push = "pushes=[{body: base_link, time_s: 0.2, duration_s: 0.2, impulse_ns: [0, 5.5, 0]}]"
-    link = "deployment={silence_s: 30.0, lost_s: 60.0}"
-    config = load_config("solo12_step_recovery", ["duration_s=1.5", "estimator={kind: inekf}", push, link])
-    order, finish, write = list[str](), PushSteps.evaluate, UdpDriver.write
-    monkeypatch.setattr(PushSteps, "evaluate", lambda *given: (order.append("forecast"), finish(*given)))
-    monkeypatch.setattr(UdpDriver, "write", lambda *given: (order.append("command"), write(*given)))
-    finished, _, served = on_a_link(config, tmp_path, lock_step=True)
-    begin, end = order.index("forecast"), len(order) - order[::-1].index("forecast")
-    assert order[begin - 1 : end] == ["command", "forecast"] * ((end - begin + 1) // 2) and order.count("forecast") >= 8
-    assert finished.session.log.stance is not None and not finished.session.log.stance.all()
-    assert served.max_tilt_deg < 25.0
 
 
 def test_forecasts_of_steps_stay_in_the_loops_process() -> None:

@@ -22,7 +22,9 @@ class LogSettings(Settings):
     """Settings of the saved log."""
 
     rate_hz: Positive = key(
-        500.0, "Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged, and in memory until then."
+        500.0,
+        "Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged, and in memory until then, whatever the"
+        " rate: at 1 kHz 85 MB per simulated minute of Solo12, 204 of Talos on its sensors.",
     )
 
 

@@ -24,7 +24,7 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "lgmpc"
 LONGEST_MODULE = 450
-MOST_LINES, MOST_FILES = 62_500, 344
+MOST_LINES, MOST_FILES = 62_000, 343
 """Of the package (scripts/size.py prints them by room). Something goes before something is added."""
 
 # Every subpackage may import these.

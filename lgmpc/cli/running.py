@@ -15,7 +15,7 @@ from lgmpc.cli.display import Display, progress_display, warnings_on
 from lgmpc.cli.screen import err, out, print_result, show_next, show_table, show_verdict
 from lgmpc.config import Config, SolveConfig, load_config
 from lgmpc.config.execution import FinishedRun, FinishedSolve, run_config, solve_config
-from lgmpc.config.session import Iteration, Progress, stop_signals
+from lgmpc.config.session import Progress, RunProgress, stop_signals
 from lgmpc.errors import InputError, Interrupted
 from lgmpc.hardware import Deployment
 from lgmpc.live.viewing import Link
@@ -52,7 +52,7 @@ def run_shown(
 
 
 def _viewed(
-    config: Config, folder: Path, *, notify: Callable[[str], None], progress: Callable[[Progress], None]
+    config: Config, folder: Path, *, notify: Callable[[str], None], progress: Callable[[RunProgress], None]
 ) -> FinishedRun:
     from lgmpc.live.session import viewed_config
     from lgmpc.live.viewing import Viewing
@@ -113,16 +113,16 @@ _ALWAYS_SHOWN = (
 
 
 @contextmanager
-def _run_display(console: Console, *, quiet: bool) -> Iterator[Display[Progress]]:
+def _run_display(console: Console, *, quiet: bool) -> Iterator[Display[RunProgress]]:
     """Show the progress of a run on ``console``: a bar on a terminal, a line per stage elsewhere."""
-    begun: list[Progress] = []
+    begun: list[RunProgress] = []
 
-    def lines(now: Progress) -> Iterator[str]:
+    def lines(now: RunProgress) -> Iterator[str]:
         if not begun:
             begun.append(now)
             yield f"simulating {now.duration_s:g} s"
 
-    def bar(now: Progress) -> Mapping[str, Any]:
+    def bar(now: RunProgress) -> Mapping[str, Any]:
         simulated = f"{now.time_s:.1f} / {now.duration_s:g} s"
         state = f"{simulated}  tilt {now.tilt_deg:.2f} deg  {now.real_time_factor:.1f} x real time"
         return {"description": "simulating", "completed": now.time_s, "total": now.duration_s, "state": state}
@@ -259,7 +259,7 @@ def _show_solve(finished: FinishedSolve, config: SolveConfig, *, quiet: bool) ->
         show_next(console, finished.folder.path)
 
 
-Columns = Mapping[str, Callable[[Iteration], str]]
+Columns = Mapping[str, Callable[[Progress], str]]
 """Heading of each column, and its text for an iteration."""
 
 
@@ -286,11 +286,11 @@ def _scientific(value: float) -> str:
 
 
 @contextmanager
-def _solve_display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[Display[Iteration]]:
+def _solve_display(console: Console, config: SolveConfig, *, quiet: bool) -> Iterator[Display[Progress]]:
     """Print a line for each iteration, with headings in between, and on terminals a bar of the stage."""
     columns, rows = _columns(config.solver.method), count()
 
-    def lines(now: Iteration) -> Iterator[str]:
+    def lines(now: Progress) -> Iterator[str]:
         if next(rows) % 20 == 0:
             yield "".join(f"{name:>14}" for name in columns)
         yield "".join(f"{write(now):>14}" for write in columns.values())

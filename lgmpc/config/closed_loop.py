@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lgmpc.config.robots import joint_limits
-from lgmpc.config.session import Progress, ProgressReport, SessionResult
+from lgmpc.config.session import ProgressReport, RunProgress, SessionResult
 from lgmpc.control.legged import LeggedController
 from lgmpc.control.modes import Mode
 from lgmpc.control.report import TickReport
@@ -366,4 +366,4 @@ class RunObserver:
             self.fell_s = time
             end = min(time + self._after_fall, self._duration)
             _LOG.warning("the robot fell at %.2f s; the run ends by %g s", time, end)
-        self._progress(Progress(time, self._duration, tilt, (time - self._from) / elapsed if elapsed > 0 else 0.0))
+        self._progress(RunProgress(time, self._duration, tilt, (time - self._from) / elapsed if elapsed > 0 else 0.0))

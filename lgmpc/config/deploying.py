@@ -21,7 +21,7 @@ from lgmpc.config.session import Notify, ProgressReport, SessionResult, ignore
 from lgmpc.control.interface import Command, CommandGuard, command_limits
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
-from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, Ending, deploy
+from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, StopReason, deploy
 from lgmpc.hardware.realtime import raise_priority, real_time
 from lgmpc.hardware.safety import JointLimits, Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, RobotLink, Served, serve
@@ -257,9 +257,9 @@ class DeploymentSession:
                 operator=self.operator,
             )
         ending = self.deployment.ending
-        early = ending not in (Ending.DURATION, Ending.INTERRUPTED)
+        early = ending not in (StopReason.DURATION, StopReason.INTERRUPTED)
         failure = self.deployment.failure or (ending.value if early else "")
-        interrupted = ending is Ending.INTERRUPTED
+        interrupted = ending is StopReason.INTERRUPTED
         log = self.recorder.log()
         gate = self.config.gate
         metrics, verdict = judged(

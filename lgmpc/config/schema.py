@@ -145,9 +145,7 @@ class Config(Document):
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = key(0, "Seed of all random numbers.")
     duration_s: Positive = key(10.0, "Simulated time, s.")
-    after_fall_s: NonNegative | None = key(
-        0.5, "Simulated time after a fall at which the run ends, s; null: the run continues."
-    )
+    after_fall_s: NonNegative | None = key(0.5, "Simulated time after a fall at which the run ends, s; null: never.")
     world: WorldSettings = key(FloorSettings(), "The ground, and where the robot starts on it.")
     plant: PlantSettings = key(PlantSettings(), "The plant: physics engine, simulated robot.")
     timing: TimingSettings = key(TimingSettings(), "Simulated duration of the computations.")
@@ -174,9 +172,7 @@ class Config(Document):
     )
     drives: DriveSettings = key(DriveSettings(), "Gains of the drives' own loop, which holds the motion between ticks.")
     modes: ModeSettings = key(ModeSettings(), "Lying, rising, damping after a fall, recovery.")
-    deployment: DeploymentSettings = key(
-        DeploymentSettings(), "Limits of `lgmpc deploy`, which runs the controllers on a robot."
-    )
+    deployment: DeploymentSettings = key(DeploymentSettings(), "Limits of `lgmpc deploy`, which drives a robot.")
     pushes: tuple[Push, ...] = key((), "Disturbances.")
     changes: tuple[Change, ...] = key(
         (),

@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from types import FrameType
 from typing import Protocol, TypeVar
 
-from lgmpc import solvers
 from lgmpc.errors import Interrupted
 from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
 from lgmpc.runs.certificate import Certificate
-from lgmpc.solvers import Solution
+from lgmpc.solvers import Progress as Progress, Solution
 
 
 @dataclass(frozen=True)
-class Progress:
+class RunProgress:
     """Progress of a simulation.
 
     Attributes:
@@ -31,7 +30,7 @@ class Progress:
     real_time_factor: float
 
 
-ProgressReport = Callable[[Progress], None]
+ProgressReport = Callable[[RunProgress], None]
 """Called by a session every few ticks. It may raise KeyboardInterrupt to stop the run there."""
 
 Notify = Callable[[str], None]
@@ -77,10 +76,7 @@ class Session(Protocol):
         """
 
 
-Iteration = solvers.Progress
-"""Progress of a solve."""
-
-IterationReport = Callable[[Iteration], None]
+IterationReport = Callable[[Progress], None]
 """Called after every iteration. It may raise KeyboardInterrupt to stop the solve there."""
 
 

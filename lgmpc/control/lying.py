@@ -15,9 +15,7 @@ _SHORTEST = 0.3  # s of a stroke of the legs
 class LyingSettings(Settings):
     """Folding of the legs, and durations of rising and lying down."""
 
-    fold_rate_rad_s: Positive = key(
-        1.5, "Mean rate of the joint with the largest displacement while the legs are folded, rad/s."
-    )
+    fold_rate_rad_s: Positive = key(1.5, "Mean rate of the joint that moves most while the legs are folded, rad/s.")
     clearance_m: NonNegative = key(0.02, "Height by which the feet are lifted meanwhile, m.")
     stiffness: Positive = key(3.0, "Stiffness of the folded legs, in torque limits per rad.")
     damping_s: Positive = key(0.03, "Damping of the folded legs, in torque limits per rad/s.")

@@ -43,12 +43,8 @@ _FASTEST_M_S = 1.0
 class FallSettings(Settings):
     """Limits beyond which a robot is damped: its joints have no torque but damping."""
 
-    tilt_deg: Annotated[Positive, Field(le=180.0)] = key(
-        60.0, "Tilt of the base at which the robot is damped at once, degrees."
-    )
-    height_share: Fraction = key(
-        0.5, "Smallest height of the centre of mass above the feet, as a share of that of standing."
-    )
+    tilt_deg: Annotated[Positive, Field(le=180.0)] = key(60.0, "Tilt of the base at which joints are damped, degrees.")
+    height_share: Fraction = key(0.5, "Least height of the centre of mass above the feet, as a share of standing's.")
     low_s: Positive = key(0.1, "Longest time below that height, s.")
     height_error_share: Positive = key(0.4, "Largest error of the height, as a share of the height of standing.")
     tilt_error_deg: Positive = key(40.0, "Largest tilt error, degrees.")

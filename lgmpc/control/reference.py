@@ -52,9 +52,7 @@ class CircleReference(Settings):
     radius_m: Annotated[Positive, Field(le=10.0)] = key(0.03, "Radius of the circle, m, at most 10.")
     frequency_hz: Annotated[Positive, Field(le=100.0)] = key(0.5, "Turns per second, Hz, at most 100.")
     start_s: NonNegative = key(1.0, "Start of the motion, s.")
-    ramp_s: Annotated[Positive, Field(ge=1e-3)] = key(
-        1.0, "Time over which the radius grows from 0, s, at least 0.001."
-    )
+    ramp_s: Annotated[Positive, Field(ge=1e-3)] = key(1.0, "Time in which the radius grows from 0, s, at least 0.001.")
 
     def sample(self, times: Array) -> tuple[Array, Array, Array]:
         """Return offset, velocity and acceleration; all three are continuous (the radius is a quintic in time)."""

@@ -30,7 +30,7 @@ class ImuNoise(Settings):
 
     gyro_noise_rad_s_rt_hz: Noise = key(1e-4, "Density of the gyro's white noise, rad/s/sqrt(Hz).")
     gyro_bias_walk_rad_s2_rt_hz: Noise = key(
-        1e-5, "Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
+        1e-5, "Density of the noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
     )
     accelerometer_noise_m_s2_rt_hz: Noise = key(3e-4, "Density of the accelerometer's white noise, m/s2/sqrt(Hz).")
     accelerometer_bias_walk_m_s3_rt_hz: Noise = key(

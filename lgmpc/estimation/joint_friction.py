@@ -30,9 +30,7 @@ class JointFrictionSettings(Settings):
         " direction cannot distinguish friction from an error of the model.",
     )
     rise_s: Positive = key(0.05, "Time constant with which the compensated friction follows the estimate, s.")
-    largest_share: Fraction = key(
-        0.1, "Upper bound of the estimated friction of a joint, as a share of its torque limit."
-    )
+    largest_share: Fraction = key(0.1, "Upper bound of a joint's estimated friction, as a share of its torque limit.")
 
 
 class JointFrictionEstimator:

@@ -53,7 +53,7 @@ class LeggedEstimatorSettings(ImuNoise):
     )
     gyro_bias_rad_s: Noise = key(2e-3, "Standard deviation of the gyro's bias at the start in each axis, rad/s.")
     accelerometer_bias_m_s2: Noise = key(
-        0.05, "Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
+        0.05, "Standard deviation of the accelerometer's first bias in each axis, m/s2."
     )
     encoder_noise_rad: Noise = key(1e-4, "Standard deviation of a joint angle, rad.")
     joint_velocity_noise_rad_s: Noise = key(0.02, "Standard deviation of a joint's speed, rad/s.")
@@ -71,9 +71,7 @@ class LeggedEstimatorSettings(ImuNoise):
         "Probability, under the assumed errors, that a resting foot fails the tests of velocity and"
         " innovation. Feet that fail do not correct the estimate. 0: all feet in contact correct it.",
     )
-    rest_s: NonNegative = key(
-        0.02, "Time for which a foot must pass the tests after it slid until it corrects again, s."
-    )
+    rest_s: NonNegative = key(0.02, "Time for which a foot that slid must pass the tests until it corrects again, s.")
     floor_noise_m: Annotated[Positive, Field(le=1.0)] | None = key(
         None,
         "Standard deviation of the floor's height where a foot touches down, about a level plane, m. null: "
@@ -98,9 +96,7 @@ class LeggedEstimatorSettings(ImuNoise):
         strict=True,
         description="Whether readings that contradict what joints and a trunk can do within a tick are replaced.",
     )
-    start_tilt_rad: Noise = key(
-        0.01, "Standard deviation of the first roll and pitch, which are the accelerometer's, rad."
-    )
+    start_tilt_rad: Noise = key(0.01, "Standard deviation of the first roll and pitch, by the accelerometer, rad.")
     start_velocity_m_s: Noise = key(0.01, "Standard deviation of the first velocity, about zero, m/s.")
 
 

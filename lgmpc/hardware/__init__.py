@@ -7,7 +7,7 @@ from lgmpc.hardware.deployment import (
     DeployedTick as DeployedTick,
     Deployment as Deployment,
     Driver as Driver,
-    Ending as Ending,
+    StopReason as StopReason,
     deploy as deploy,
 )
 from lgmpc.hardware.safety import (

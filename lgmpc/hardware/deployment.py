@@ -44,7 +44,7 @@ class Driver(Protocol):
         """Close the link. From here on the robot is protected by its own watchdog only."""
 
 
-class Ending(enum.Enum):
+class StopReason(enum.Enum):
     """Cause of the end of a run."""
 
     DURATION = "its duration is over"
@@ -98,7 +98,7 @@ class Deployment:
         error_flags: (nu,) all error flags that the drives reported; None where they report none.
     """
 
-    ending: Ending
+    ending: StopReason
     ticks: int
     overtaken: int
     missing: int
@@ -168,13 +168,13 @@ def deploy(
         with real_time(settings.priority, settings.cores):
             ending = loop.run(duration_s)
     except KeyboardInterrupt:
-        ending = Ending.INTERRUPTED
+        ending = StopReason.INTERRUPTED
     except _Stop as stop:
         ending, failure = stop.ending, stop.reason
         if failure:
             _LOG.error("the run ended: %s", failure)
     except (Exception, SystemExit) as error:
-        ending, failure = Ending.FAILED, f"ended early, after {loop.ticks} ticks: {cause_of(error)}"
+        ending, failure = StopReason.FAILED, f"ended early, after {loop.ticks} ticks: {cause_of(error)}"
         _LOG.error("the run %s", failure, exc_info=error)
     try:
         loop.damp()
@@ -191,7 +191,7 @@ def deploy(
 class _Stop(Exception):
     """The end of a run before its duration is over."""
 
-    def __init__(self, ending: Ending, reason: str = "") -> None:
+    def __init__(self, ending: StopReason, reason: str = "") -> None:
         super().__init__(reason)
         self.ending, self.reason = ending, reason
 
@@ -227,7 +227,7 @@ class _Loop:
         self._begun = math.nan  # by the robot's clock
         self._wrong_clock = ""
 
-    def run(self, duration: float) -> Ending:
+    def run(self, duration: float) -> StopReason:
         """Answer measurements until the duration is over, and the robot has lain down, unless a _Stop ends it."""
         silent, operator, settings = False, self._operator, self._settings
         end, lying, by_user = duration - 1.5 * self._period, False, False
@@ -237,7 +237,7 @@ class _Loop:
             now = perf_counter()
             operator.poll()
             if operator.stop:
-                raise _Stop(Ending.STOPPED, operator.stop)
+                raise _Stop(StopReason.STOPPED, operator.stop)
             readings = self._dated(found, now)
             if operator.armed and not readings:
                 readings, waiting = waiting, []
@@ -265,7 +265,7 @@ class _Loop:
             if elapsed <= end:
                 continue
             if lying or settings.lie_down_s == 0.0:
-                return Ending.INTERRUPTED if by_user else Ending.DURATION
+                return StopReason.INTERRUPTED if by_user else StopReason.DURATION
             lying = operator.lies = True
             end = elapsed + settings.lie_down_s
 
@@ -280,7 +280,7 @@ class _Loop:
         """Number of commands written."""
         return len(self._spent)
 
-    def figures(self, ending: Ending, failure: str) -> Deployment:
+    def figures(self, ending: StopReason, failure: str) -> Deployment:
         """Return the figures of the run so far."""
         spent = np.array(self._spent)
         late = int((spent > self._period).sum())
@@ -313,9 +313,9 @@ class _Loop:
         """Return the end of a run after a time without a valid measurement."""
         _LOG.error("no measurement for %.1f s: the run ends", silence)
         if self._wrong_clock:
-            return _Stop(Ending.CLOCK, self._wrong_clock)
+            return _Stop(StopReason.CLOCK, self._wrong_clock)
         never = "no measurement arrived: is the robot on, and is this its address?"
-        return _Stop(Ending.LOST, never if self._last is None else "")
+        return _Stop(StopReason.LOST, never if self._last is None else "")
 
     def _tick(self, readings: Sequence[interface.Measurement], arrived: float, *, recorded: bool) -> None:
         """Answer the newest of some measurements."""
@@ -323,7 +323,7 @@ class _Loop:
             self._watch(reading)
             exceeded = self._safety.exceeded(reading)
             if exceeded:
-                raise _Stop(Ending.LIMIT, f"{exceeded}, at {reading.time:.3f} s")
+                raise _Stop(StopReason.LIMIT, f"{exceeded}, at {reading.time:.3f} s")
             state = self._estimator.update(reading)
         self._overtaken += len(readings) - 1
         output = self._controller.update(state)

@@ -24,24 +24,16 @@ class DeploymentSettings(Settings):
 
     silence_s: Positive = key(0.02, "Time without a measurement after which the joints are damped, s.")
     lost_s: Positive = key(1.0, "Time without a measurement after which the run ends, s.")
-    damping_nms: Positive = key(
-        0.1, "Damping of each joint, N.m.s, while there is no valid command, and after the run."
-    )
-    soft_start_s: NonNegative = key(
-        0.0, "Time in which torques and gains rise from those of damped joints at the start, s."
-    )
+    damping_nms: Positive = key(0.1, "Damping of each joint, N.m.s, while there is no valid command and after the run.")
+    soft_start_s: NonNegative = key(0.0, "Time in which torques and gains rise from damped joints' at the start, s.")
     lie_down_s: NonNegative = key(
         0.0,
         "Time for lying down after the duration, or at the user's request, before the joints are damped, s."
         " Not part of the run that is judged.",
     )
     max_torque_share: Positive = key(1.0, "Feed-forward torque over the joint's limit; a greater one is cut.")
-    max_speed_share: Positive | None = key(
-        2.0, "Speed of a joint over the robot's limit that stops the robot; null: any speed."
-    )
-    max_temperature_c: Positive = key(
-        80.0, "Temperature of a motor that stops the robot, where it is measured, degrees Celsius."
-    )
+    max_speed_share: Positive | None = key(2.0, "Speed of a joint over its limit that stops the robot; null: any.")
+    max_temperature_c: Positive = key(80.0, "Temperature of a motor that stops the robot, where measured, Celsius.")
     max_rms_torque_share: Positive | None = key(
         None,
         "RMS of a joint's torque over its limit that stops the robot, averaged over rms_torque_s; null: any"

@@ -17,9 +17,7 @@ _SLACK = 1e-9  # s
 class GaitClockSettings(Settings):
     """Constraints on gait transitions."""
 
-    min_stance_s: NonNegative = key(
-        0.04, "Shortest stance before a lift-off that a transition or a delay schedules, s."
-    )
+    min_stance_s: NonNegative = key(0.04, "Shortest stance before a lift-off that a transition or delay schedules, s.")
 
 
 @dataclass(slots=True)

@@ -26,9 +26,7 @@ _SEARCH_SHARE = 0.55  # of sqrt(h / g)
 class ContactEventSettings(Settings):
     """Conditions under which a measurement overrides the schedule."""
 
-    early_share: Fraction = key(
-        0.5, "Share of a swing before which a measured contact is not a touchdown but the lift-off."
-    )
+    early_share: Fraction = key(0.5, "Share of a swing before which a measured contact is the lift-off, no touchdown.")
     touch_time_s: NonNegative = key(0.003, "Time for which a contact must be measured to be accepted, s.")
     lost_time_s: NonNegative = key(0.03, "Time without measured contact after which a stance foot counts as lost, s.")
     touchdown_tolerance_s: NonNegative = key(
@@ -37,9 +35,7 @@ class ContactEventSettings(Settings):
         " measured until the foot, which carries meanwhile, counts as late, s.",
     )
     lookahead_s: Positive = key(0.004, "Time from now at which a late foot is expected to touch down, s.")
-    max_late_s: NonNegative = key(
-        0.01, "Longest delay of the schedule for a late foot; then it continues without that foot, s."
-    )
+    max_late_s: NonNegative = key(0.01, "Longest delay for a late foot; then the schedule continues without it, s.")
     max_search_s: NonNegative | None = key(
         None,
         "The same for a foot below the height at which it should have found the ground: a push makes feet"
@@ -47,9 +43,7 @@ class ContactEventSettings(Settings):
         " robot's height falls.",
     )
     ramp_s: NonNegative = key(0.025, "Time in which the force bound of a foot opens after touchdown, s.")
-    release_s: NonNegative = key(
-        0.0, "Time in which the force bound of a foot closes before the scheduled lift-off, s."
-    )
+    release_s: NonNegative = key(0.0, "Time in which the force bound of a foot closes before a scheduled lift-off, s.")
 
 
 class ContactState(Enum):

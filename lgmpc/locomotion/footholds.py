@@ -70,9 +70,7 @@ class FootholdSettings(Settings):
         " reference posture; negative: largest distance on the other side.",
     )
     spacing_share: Fraction = key(0.3, "Shortest distance between two feet, as a share of the stretched leg's length.")
-    error_decay_s: NonNegative = key(
-        0.15, "Time in which velocity errors are predicted to decay after the present swing, s."
-    )
+    error_decay_s: NonNegative = key(0.15, "Predicted time in which velocity errors decay after the present swing, s.")
 
 
 @dataclass(slots=True)

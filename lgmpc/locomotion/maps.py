@@ -58,9 +58,7 @@ class GridSettings(Settings):
         None, "Distance of the heights, m. null: a twentieth of the height of the centre of mass."
     )
     noise_m: NonNegative = key(0.0, "Standard deviation of every height, m.")
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = key(
-        None, "Seed of errors; null: that of the run."
-    )
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] | None = key(None, "Seed of errors; null: the run's.")
 
 
 class KnownMapSettings(GridSettings):
@@ -68,9 +66,7 @@ class KnownMapSettings(GridSettings):
 
     kind: Literal["known"] = key("known", "The simulated ground, with errors.")
     offset_m: Vector3 = key((0.0, 0.0, 0.0), "Position of the map relative to the ground [x, y, z], m.")
-    drift_m_per_m: NonNegative = key(
-        0.0, "Growth of a horizontal offset in a random direction per way of the robot, m/m."
-    )
+    drift_m_per_m: NonNegative = key(0.0, "Growth of a horizontal offset in a random direction per way walked, m/m.")
 
 
 class SeenMapSettings(GridSettings):
@@ -78,18 +74,14 @@ class SeenMapSettings(GridSettings):
 
     kind: Literal["elevation"] = key("elevation", "What a simulated depth sensor has seen of the ground.")
     rate_hz: Positive = key(10.0, "Of the sensor, Hz.")
-    range_m: Positive | None = key(
-        None, "Longest distance that it sees, m. null: five times the height of the centre of mass."
-    )
+    range_m: Positive | None = key(None, "Longest distance seen, m; null: five times the height of the centre of mass.")
     above_m: NonNegative | None = key(None, "Its place above the base, m. null: half the height of the centre of mass.")
 
 
 class OwnMapSettings(Extension):
     """A map of one's own."""
 
-    kind: Literal["own"] = key(
-        "own", "A class of one's own with update, height and steppable; see lgmpc.locomotion.maps."
-    )
+    kind: Literal["own"] = key("own", "A class with update, height and steppable; see lgmpc.locomotion.maps.")
 
 
 def _by_name(value: Any) -> Any:

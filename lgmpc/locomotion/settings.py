@@ -23,9 +23,7 @@ from lgmpc.settings import Problem, Settings, key, problems
 class LocomotionSettings(Settings):
     """Locomotion of a legged robot: gaits, footholds, swings, contact events, and limits of commands."""
 
-    gaits: tuple[Gait, ...] = key(
-        (), "Gaits in addition to stand, walk, trot, pace, bound and pronk, or in place of them."
-    )
+    gaits: tuple[Gait, ...] = key((), "Gaits beside stand, walk, trot, pace, bound and pronk, or in place of them.")
     clock: GaitClockSettings = key(GaitClockSettings(), "Gait transitions.")
     footholds: FootholdSettings = key(FootholdSettings(), "Footholds.")
     swing: SwingSettings = key(SwingSettings(), "Swing trajectories of the feet.")

@@ -49,9 +49,7 @@ class TerrainBeliefSettings(Settings):
         " sqrt(h / g).",
     )
     level_deg: Positive = key(0.75, "Tilt of the footholds' plane up to which the ground counts as level, degrees.")
-    steepest_deg: float = Field(
-        default=35.0, strict=True, gt=0.0, le=60.0, description="Largest slope of the plane, degrees."
-    )
+    steepest_deg: float = Field(default=35.0, strict=True, gt=0.0, le=60.0, description="Largest slope, degrees.")
     map: MapSettings = key(NoMap(), "What the controller knows of the ground ahead.")
     edge_margin_m: NonNegative | None = key(
         None,

@@ -45,9 +45,7 @@ class CentroidalMpcSettings(MpcSettings):
     model: Literal["centroidal"] = key("centroidal", "Model that predicts.")
     uprighting_rate_hz: NonNegative = key(10.0, "Rate at which the plan turns a tilted base upright, 1/s.")
     weights: CentroidalWeights = key(CentroidalWeights(), "Weights of the cost.")
-    stepping_weights: CentroidalSteppingWeights = key(
-        CentroidalSteppingWeights(), "Weights of the cost while the robot steps."
-    )
+    stepping_weights: CentroidalSteppingWeights = key(CentroidalSteppingWeights(), "Weights while the robot steps.")
     catching_weights: CentroidalCatchingWeights = key(
         CentroidalCatchingWeights(), "Weights of the cost while it steps against a push."
     )

@@ -5,9 +5,7 @@ table here.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Union
-
-from pydantic import Discriminator, Tag
+from typing import TYPE_CHECKING
 
 from lgmpc.costs import CostItem
 from lgmpc.mpc.centroidal import CentroidalMpc, CentroidalMpcSettings
@@ -16,6 +14,7 @@ from lgmpc.mpc.full_body import FullBodyMpc, FullBodyMpcSettings
 from lgmpc.mpc.interface import Mpc
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.robot import Robot
+from lgmpc.settings import one_of
 
 
 def _full_body(robot: Robot, settings: FullBodyMpcSettings, costs: Sequence[CostItem] = ()) -> Mpc:
@@ -31,18 +30,10 @@ _MODELS: Mapping[type[MpcSettings], Callable[..., Mpc]] = {
 }
 
 
-def _model(value: Any) -> Any:
-    """Return the model named in a table of settings; by default the centroidal one."""
-    if isinstance(value, Mapping):
-        return value.get("model", "centroidal")
-    return getattr(value, "model", "centroidal")
-
-
 if TYPE_CHECKING:
     AnyMpcSettings = MpcSettings
 else:
-    _tagged = tuple(Annotated[each, Tag(each.model_fields["model"].default)] for each in _MODELS)
-    AnyMpcSettings = Annotated[Union[_tagged], Discriminator(_model)]  # noqa: UP007
+    AnyMpcSettings = one_of({each.model_fields["model"].default: each for each in _MODELS}, "model")
     """The settings of one of the models; the key ``model`` selects which."""
 
 

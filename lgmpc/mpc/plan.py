@@ -18,9 +18,7 @@ class MpcStatus(Enum):
     SOLVED = "nothing to do"
     INACCURATE = "usable; if it happens often, raise the QP solver's iterations or bring the weights closer together"
     SOLVER_FAILED = "the last valid plan remains in use; check bounds and weights if it happens often"
-    NOT_FINITE = (
-        "the last valid plan remains in use; the measured state, the wrench or a reference contained NaN or infinity"
-    )
+    NOT_FINITE = "the last valid plan remains in use; the state, the wrench or a reference contained NaN or infinity"
     STALE = "several updates in a row failed: do not follow this plan, balance without it"
 
     @property

@@ -1,8 +1,8 @@
 """Settings that predictive controllers share; a model's own are beside the model."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
@@ -11,12 +11,6 @@ from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings
 
 _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
-
-
-_FORMER_SOLVERS = {
-    "riccati": "active_set", "structured": "active_set", "active_set_dense": "active_set", "piqp_multistage": "piqp"
-}  # fmt: skip
-"""Names in older configs and run folders."""
 
 
 class CentroidalWeights(Settings):
@@ -53,9 +47,7 @@ class MpcSettings(Settings):
     node_s: Annotated[Positive, Field(ge=1e-3, le=1.0)] = key(
         0.02, "Length of each interval, s, 0.001 to 1: the resolution of contact switches."
     )
-    friction: Annotated[Positive, Field(ge=0.01, le=5.0)] = key(
-        0.6, "Friction coefficient assumed by the plan, 0.01 to 5."
-    )
+    friction: Annotated[Positive, Field(ge=0.01, le=5.0)] = key(0.6, "Assumed friction coefficient, 0.01 to 5.")
     normal_force_n: RangeFromZero | None = key(
         None, "[lowest, highest] normal force of a foot in contact, N. null: 0.2 and 24 per kg of the robot."
     )
@@ -88,9 +80,3 @@ class MpcSettings(Settings):
     def facets(self, robot: Robot) -> int:
         """Return the number of facets at each contact point of a robot."""
         return chosen_facets(self.friction_facets, not robot.foot_points.single)
-
-    @field_validator("qp_solver", mode="before")
-    @classmethod
-    def _rename(cls, name: Any) -> Any:
-        """Accept a solver's former name."""
-        return _FORMER_SOLVERS.get(name, name) if isinstance(name, str) else name

@@ -78,12 +78,12 @@ class FlightSettings(ProblemSettings):
     rotors: MultirotorSettings = Field(description="The rotors, at frames of the URDF.")
     start_m: Vector3 = Field(description="[x, y, z] of the body at first, world axes, m.")
     start_rotation_deg: Vector3 = key(
-        (0.0, 0.0, 0.0), "Attitude at first as a rotation vector (axis times angle), degrees."
+        (0.0, 0.0, 0.0), "Attitude at first, a rotation vector (axis times angle), degrees."
     )
     start_velocity_m_s: Vector3 = key((0.0, 0.0, 0.0), "Velocity at first, body axes, m/s.")
     start_rate_rad_s: Vector3 = key((0.0, 0.0, 0.0), "Angular velocity at first, body axes, rad/s.")
     waypoints: Annotated[tuple[FlightWaypoint, ...], Field(min_length=1)] = Field(
-        description="In the order of their times."
+        description="In order of their times."
     )
     node_s: Interval = key(0.03, "Length of each interval, s.")
     weights: FlightWeights = key(FlightWeights(), "Weights of the cost.")

@@ -61,9 +61,7 @@ class LeggedWeights(Settings):
     limits: NonNegative = key(1e3, "Joint positions and speeds beyond their limits.")
     foothold: NonNegative = key(1e5, "Feet from their footholds, at touchdowns.")
     touchdown: NonNegative = key(1e3, "Speeds of the feet at touchdowns.")
-    clearance: NonNegative = key(
-        1e4, "Trunk, knees and shanks nearer to the ground than clearance_m; feet in the air in it."
-    )
+    clearance: NonNegative = key(1e4, "Trunk, knees, shanks nearer to the ground than clearance_m; swing feet in it.")
     terminal: NonNegative = key(100.0, "Factor of the state's weights at the end.")
 
 
@@ -115,9 +113,7 @@ class GaitSettings(LeggedSettings, ProblemSettings):
 
     kind: Literal["gait"] = key("gait", "A robot walks, trots, ... in a gait.")
     pattern: Literal["walk", "trot", "pace", "bound"] | None = key(None, "A quadruped's gait. Give this or phases.")
-    phases: tuple[GaitPhase, ...] = key(
-        (), "One cycle, phase by phase, of any robot with point feet. Give this or pattern."
-    )
+    phases: tuple[GaitPhase, ...] = key((), "One cycle, phase by phase, of any robot with point feet; or pattern.")
     cycles: Annotated[Count, Field(le=100)] = key(3, "Number of cycles, at most 100.")
     swing_s: Positive = key(0.2, "Duration of a swing, s (of a pattern).")
     stance_s: NonNegative = key(0.04, "Time with all feet on the ground after each swing, s (of a pattern).")

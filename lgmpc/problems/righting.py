@@ -57,9 +57,7 @@ class LegStrokes(Settings):
     stretched_rad: dict[str, Finite] = Field(
         description="Posture in which the legs swing forth, {joint name or pattern: rad}; joints not named are at 0."
     )
-    folded_rad: dict[str, Finite] = Field(
-        description="Posture in which the legs swing back, {joint name or pattern: rad}."
-    )
+    folded_rad: dict[str, Finite] = Field(description="Posture in which legs swing back, {joint or pattern: rad}.")
     sweep_rad: dict[str, Finite] = Field(
         description="Amplitude of the swing, {joint name or pattern: rad}; the robot turns against its sign."
     )

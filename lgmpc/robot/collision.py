@@ -25,9 +25,7 @@ Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
 class _Shape(Settings):
     """A shape fixed to links."""
 
-    link: str = Field(
-        min_length=1, description="Link to which it is fixed; a glob pattern adds one to each matching link."
-    )
+    link: str = Field(min_length=1, description="Link to which it is fixed; a glob pattern adds one to each match.")
     center_m: Vector3 = key((0.0, 0.0, 0.0), "[x, y, z] of its centre in the link's frame, m.")
 
 

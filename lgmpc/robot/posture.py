@@ -41,9 +41,7 @@ def reference_posture(
     if posture is None and usual in known:
         own = _normalized(model, known[usual])
         q, moved = _within_limits(model, joints, own)
-        note = (
-            f"its own posture '{usual}' is outside the limits of {', '.join(moved)}; they are set to the nearest limit"
-        )
+        note = f"its own posture '{usual}' is outside the limits of {', '.join(moved)}; they are at the nearest limit"
         return q, [], [note] if moved else []
     q, _ = _within_limits(model, joints, _normalized(model, pin.neutral(model)))
     if posture is None:

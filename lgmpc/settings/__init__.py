@@ -168,6 +168,17 @@ def key(default: _T, description: str) -> _T:
     return Field(default=default, description=description)
 
 
+def one_of(kinds: Mapping[str, type[Settings]], name: str) -> Any:
+    """Return the type of settings of one of ``kinds``, which their key ``name`` selects; the first by default."""
+    first = next(iter(kinds))
+
+    def selected(value: Any) -> Any:
+        return value.get(name, first) if isinstance(value, Mapping) else getattr(value, name, first)
+
+    tagged = tuple(Annotated[kind, Tag(each)] for each, kind in kinds.items())
+    return Annotated[Union[tagged], Discriminator(selected)]  # noqa: UP007
+
+
 class Words(str):
     """A value in words, as a message shows it."""
 

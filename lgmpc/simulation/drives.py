@@ -61,7 +61,7 @@ class JointFault(Settings):
     joint: str = Field(min_length=1, description="Name of the joint.")
     at_s: NonNegative = Field(description="Time from which it does, s.")
     torque_share: Fraction = key(
-        0.0, "Share of the commanded torque, and of its limit, that the motor gives: 0 if it is dead."
+        0.0, "Share of the commanded torque, and of its limit, that the motor gives: 0 if dead."
     )
 
 
@@ -70,10 +70,10 @@ class ActuatorSettings(Settings):
 
     bandwidth_hz: Positive | None = key(None, "Corner frequency of the torque's first-order lag, Hz; null: none.")
     torque_limit_nm: Positive | None = key(
-        None, "Actual torque limit, N.m; null: that of the robot, which controllers assume."
+        None, "Actual torque limit, N.m; null: the robot's, which controllers assume."
     )
     stall_torque_nm: Positive | None = key(
-        None, "Torque that the supply allows at rest, N.m; with no_load_speed_rad_s."
+        None, "Torque that the supply allows at rest, N.m: with no_load_speed_rad_s."
     )
     no_load_speed_rad_s: Positive | None = key(
         None, "Speed at which the supply allows no driving torque, rad/s; linear in between."

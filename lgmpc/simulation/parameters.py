@@ -32,9 +32,7 @@ class PlantSettings(Settings):
     """The physics engine and the simulated robot."""
 
     kind: Literal["mujoco", "pinocchio"] = key("mujoco", "Physics engine.")
-    rate_hz: Annotated[Positive, Field(ge=10.0, le=1e6)] = key(
-        1000.0, "Steps of the engine per second, Hz, from 10 to 1e6."
-    )
+    rate_hz: Annotated[Positive, Field(ge=10.0, le=1e6)] = key(1000.0, "Steps of the engine per second, Hz, 10 to 1e6.")
     integrator: Literal["implicitfast", "implicit", "euler", "rk4"] = key(
         "implicitfast", "Integrator of MuJoCo. The Pinocchio plant has only the default."
     )

@@ -26,11 +26,11 @@ class SensorNoise(Settings):
     gyro_noise_rad_s_rt_hz: Noise = key(8.7e-5, "Density of the gyro's white noise, rad/s/sqrt(Hz).")
     gyro_bias_rad_s: Noise = key(7e-4, "Standard deviation of the gyro's bias at the start in each axis, rad/s.")
     gyro_bias_walk_rad_s2_rt_hz: Noise = key(
-        1e-5, "Density of the white noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
+        1e-5, "Density of the noise that the gyro's bias integrates, rad/s2/sqrt(Hz)."
     )
     accelerometer_noise_m_s2_rt_hz: Noise = key(2.5e-4, "Density of the accelerometer's white noise, m/s2/sqrt(Hz).")
     accelerometer_bias_m_s2: Noise = key(
-        0.02, "Standard deviation of the accelerometer's bias at the start in each axis, m/s2."
+        0.02, "Standard deviation of the accelerometer's first bias in each axis, m/s2."
     )
     accelerometer_bias_walk_m_s3_rt_hz: Noise = key(
         1e-4, "Density of the white noise that the accelerometer's bias integrates, m/s3/sqrt(Hz)."

@@ -43,9 +43,7 @@ class AugmentedLagrangianSettings(SolverSettings):
     """Tolerance and penalties of :class:`AugmentedLagrangianFddp`."""
 
     method: Literal["al_fddp"] = key("al_fddp", "FDDP on an augmented Lagrangian; any constraints, from poor guesses.")
-    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = key(
-        3000, "Largest number of iterations, those of FDDP."
-    )
+    max_iterations: Annotated[int, Field(strict=True, ge=0, le=100_000)] = key(3000, "Most iterations of FDDP.")
     tolerance: Positive = key(
         1e-6,
         "Largest residual of the constraints and their multipliers' signs, and of the Lagrangian's "

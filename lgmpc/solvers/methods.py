@@ -5,11 +5,10 @@ table.
 """
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Union
-
-from pydantic import Discriminator, Tag
+from typing import TYPE_CHECKING
 
 from lgmpc.ocp import ShootingProblem
+from lgmpc.settings import one_of
 from lgmpc.solvers.augmented_lagrangian import AugmentedLagrangianFddp, AugmentedLagrangianSettings
 from lgmpc.solvers.box import BoxFddp, bounded_rows
 from lgmpc.solvers.fddp import Fddp, FddpSettings, check_unconstrained
@@ -62,16 +61,8 @@ def make_solver(problem: ShootingProblem, settings: SolverSettings) -> Solver:
     return kind(problem, settings)
 
 
-def _method(value: Any) -> Any:
-    """Return the method of a table of settings; FDDP if it names none."""
-    if isinstance(value, Mapping):
-        return value.get("method", "fddp")
-    return getattr(value, "method", "fddp")
-
-
 if TYPE_CHECKING:
     AnySolverSettings = SolverSettings
 else:
-    _tagged = tuple(Annotated[settings, Tag(method)] for method, (settings, _) in _METHODS.items())
-    AnySolverSettings = Annotated[Union[_tagged], Discriminator(_method)]  # noqa: UP007
+    AnySolverSettings = one_of({method: settings for method, (settings, _) in _METHODS.items()}, "method")
     """The settings of one solver, selected by the key ``method``."""

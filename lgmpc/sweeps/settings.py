@@ -163,9 +163,7 @@ class SweepSettings(Settings):
     expect: Expectation = key(Expectation(), "Criteria of success of the sweep.")
     logs: LogChoice = key(LogChoice(), "Run folders to keep.")
     time_limit_s: Positive = key(900.0, "Longest time that a point may compute, s.")
-    memory_limit_gb: Positive = key(
-        8.0, "Memory that a worker process may allocate, GB; a point that exceeds it fails."
-    )
+    memory_limit_gb: Positive = key(8.0, "Memory that a worker process may allocate, GB; a point beyond it fails.")
 
     @model_validator(mode="after")
     def _varies_each_key_once(self) -> "SweepSettings":

@@ -138,9 +138,7 @@ class ShortSupportWeights(Settings):
     base_orientation: NonNegative = key(0.03, "Angular acceleration of the base (scaled by mass: for 2.5 kg).")
     angular_momentum: NonNegative = key(0.1, "Rate of the angular momentum (scaled by mass).")
     posture: NonNegative = key(1e-4, "Joint accelerations towards the reference posture.")
-    upper_body_joints: NonNegative = key(
-        0.01, "Accelerations of joints that move no foot towards the reference posture."
-    )
+    upper_body_joints: NonNegative = key(0.01, "Accelerations of joints that move no foot to the reference posture.")
 
 
 class WholeBodyGains(Settings):
@@ -161,9 +159,7 @@ class WholeBodySettings(Settings):
     # No drives are faster than 20 kHz; below 10 Hz a falling robot tilts by degrees between two ticks.
     rate_hz: Annotated[float, Field(strict=True, ge=10.0, le=20_000.0)] = key(1000.0, "Ticks per second, Hz.")
     # Rubber on dry ground stays below 2; no force can be held with almost none.
-    friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = key(
-        0.6, "Friction coefficient assumed by the controller."
-    )
+    friction: Annotated[float, Field(strict=True, ge=0.01, le=3.0)] = key(0.6, "Assumed friction coefficient.")
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = key(
         None, "Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4."
     )
@@ -195,12 +191,10 @@ class WholeBodySettings(Settings):
         "fails. proxqp: ProxQP alone.",
     )
     # Rounding of the residuals is about 1e-12; residuals of a tenth of a newton make the torques useless.
-    tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = key(
-        1e-5, "Tolerance of the solver on residuals."
-    )
+    tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = key(1e-5, "Tolerance on the residuals.")
     max_iterations: Count = key(50, "Largest number of solver iterations per tick.")
     fallback_damping_nms: NonNegative = key(
-        0.1, "Joint damping added to the last command when the solver failed, N.m.s/rad."
+        0.1, "Joint damping added to the last command if the solver fails, N.m.s/rad."
     )
 
     def scaled(self, robot: Robot) -> "WholeBodySettings":

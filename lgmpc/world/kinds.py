@@ -63,9 +63,7 @@ class Laid(Ground):
 class Part(Laid):
     """One part of the ground."""
 
-    friction: Friction | None = key(
-        None, "Coulomb coefficient of this part; null: that of all the ground, plant.friction."
-    )
+    friction: Friction | None = key(None, "Coulomb coefficient of this part; null: plant.friction.")
 
     @abstractmethod
     def lay(self, layout: Layout, friction: float) -> None:
@@ -268,9 +266,7 @@ class Heights(Part):
     heights_m: tuple[tuple[Finite, ...], ...] | None = key(
         None, "Rows of heights above the ground before, the first row on the right, m."
     )
-    file: str | None = key(
-        None, "Or a file: a picture (.png), its upper edge on the left, or an array (.npy). Runs store it."
-    )
+    file: str | None = key(None, "Or a picture (.png), its upper edge on the left, or an array (.npy). Runs store it.")
     white_m: Positive | None = key(None, "Height of white in a picture, m; black is 0.")
     cell_m: Size = Field(description="Distance of the heights along x and y, m.")
 

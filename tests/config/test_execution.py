@@ -17,7 +17,7 @@ from lgmpc.config import Config, load_config, parse_config
 from lgmpc.config.build import prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.execution import FinishedRun, run_config, run_session
-from lgmpc.config.session import Notify, Progress, Session
+from lgmpc.config.session import Notify, RunProgress, Session
 from lgmpc.errors import InputError, Interrupted, RunFolderError
 from lgmpc.runs import Outcome, RunFolder, RunLog, RunResult
 from lgmpc.runs.log import CHANNELS, MPC_CHANNELS
@@ -47,7 +47,7 @@ def test_a_run_stores_the_heights_of_its_world(short: Config, tmp_path: Path) ->
 
 def test_a_run_is_saved_and_reported(short: Config, tmp_path: Path) -> None:
     notices: list[str] = []
-    moved: list[Progress] = []
+    moved: list[RunProgress] = []
     finished = run_config(short, tmp_path, notify=notices.append, progress=moved.append)
     run = RunFolder.load(finished.folder.path)
     assert finished.folder.path.parent == tmp_path
@@ -115,7 +115,7 @@ def test_the_log_until_any_exception_is_saved_with_its_cause(tmp_path: Path, par
 def test_a_progress_report_that_raises_leaves_the_log(short: Config, tmp_path: Path) -> None:
     """The first report comes with the first tick."""
 
-    def broken(now: Progress) -> None:
+    def broken(now: RunProgress) -> None:
         raise RuntimeError("broken")
 
     finished = run_config(short, tmp_path, progress=broken)
@@ -192,7 +192,7 @@ def test_a_run_without_disk_space_for_its_log_does_not_start(
 ) -> None:
     usage = shutil.disk_usage(tmp_path)._replace(free=1_040_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
-    moved: list[Progress] = []
+    moved: list[RunProgress] = []
     with pytest.raises(RunFolderError, match=r"has 1\.04 MB free, and the run requires about 1\.\d+ MB: free"):
         run_config(short, tmp_path / "runs", progress=moved.append)
     assert not moved and list(tmp_path.iterdir()) == []
@@ -230,7 +230,7 @@ def default_signals() -> Iterator[None]:
 def test_a_signal_ends_the_run_between_two_ticks_and_keeps_the_log(
     short: Config, tmp_path: Path, number: signal.Signals
 ) -> None:
-    def send(now: Progress) -> None:
+    def send(now: RunProgress) -> None:
         if now.time_s > 0.04:
             signal.raise_signal(number)
 
@@ -286,7 +286,7 @@ def test_a_signal_while_the_folder_is_created_leaves_none(
 
 
 def test_a_second_ctrl_c_acts_at_once(short: Config, tmp_path: Path) -> None:
-    def press_twice(now: Progress) -> None:
+    def press_twice(now: RunProgress) -> None:
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
         raise AssertionError("the second one came too late")
@@ -329,7 +329,7 @@ def test_an_interrupt_while_saving_lets_it_finish(short: Config, tmp_path: Path)
 
 
 def test_a_run_that_cannot_be_saved_leaves_no_folder(short: Config, tmp_path: Path) -> None:
-    def fill_the_disk(now: Progress) -> None:
+    def fill_the_disk(now: RunProgress) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -11,7 +11,7 @@ import pytest
 
 from lgmpc.config import SolveConfig, load_config, load_solve_config, parse_any_config, parse_config, parse_solve_config
 from lgmpc.config.execution import FinishedSolve, solve_config
-from lgmpc.config.session import Iteration
+from lgmpc.config.session import Progress
 from lgmpc.config.solving import check_scenario, prepare_solve
 from lgmpc.errors import ConfigError, ConfigErrors
 from lgmpc.runs import Outcome, load_run
@@ -178,7 +178,7 @@ def test_a_time_limit_is_kept() -> None:
 def test_a_signal_keeps_the_iterate_and_marks_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    def send(now: Iteration) -> None:
+    def send(now: Progress) -> None:
         if now.iteration == 2:
             signal.raise_signal(number)
 
@@ -202,7 +202,7 @@ def test_the_size_of_a_trajectory_is_computed_before_the_solve() -> None:
 
 
 def test_a_solve_that_breaks_leaves_no_folder(tmp_path: Path) -> None:
-    def broken(now: Iteration) -> None:
+    def broken(now: Progress) -> None:
         raise RuntimeError("broken")
 
     with pytest.raises(RuntimeError, match="broken"):

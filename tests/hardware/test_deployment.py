@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lgmpc.control import Command, Measurement, RobotState
-from lgmpc.hardware import DeployedTick, DeploymentSettings, Ending, JointLimits, Operator, deploy
+from lgmpc.hardware import DeployedTick, DeploymentSettings, JointLimits, Operator, StopReason, deploy
 
 NU, PERIOD = 2, 0.001
 QUICK = DeploymentSettings(silence_s=0.002, lost_s=0.5, damping_nms=0.3)
@@ -72,7 +72,7 @@ def is_damping(command: Command) -> bool:
 def test_each_measurement_is_answered_and_the_joints_are_damped_at_the_end() -> None:
     robot, copying = ScriptedRobot([0], [1], [2], [3]), Copying()
     found = run(robot, copying, 3)
-    assert (found.ending, found.ticks, found.overtaken, found.missing) == (Ending.DURATION, 3, 0, 0)
+    assert (found.ending, found.ticks, found.overtaken, found.missing) == (StopReason.DURATION, 3, 0, 0)
     assert [is_damping(command) for command in robot.written] == [False] * 3 + [True]
     assert robot.closed
     assert found.spent.shape == (3,) and (found.spent > 0.0).all()
@@ -89,14 +89,14 @@ def test_the_estimator_receives_all_measurements_and_the_controller_the_newest()
 def test_silence_damps_the_joints_once_and_what_is_lost_ends_the_run() -> None:
     robot, copying = ScriptedRobot([0], [], [], [1]), Copying()
     found = run(robot, copying, 100)
-    assert (found.ending, found.ticks, found.silences) == (Ending.LOST, 2, 2)
+    assert (found.ending, found.ticks, found.silences) == (StopReason.LOST, 2, 2)
     assert [is_damping(command) for command in robot.written] == [False, True, False, True, True]
 
 
 def test_a_robot_that_never_answers_ends_the_run_without_a_command() -> None:
     robot = ScriptedRobot()
     found = run(robot, Copying(), 100)
-    assert (found.ending, found.ticks, robot.written) == (Ending.LOST, 0, [])
+    assert (found.ending, found.ticks, robot.written) == (StopReason.LOST, 0, [])
     assert robot.closed
 
 
@@ -104,7 +104,7 @@ def test_a_command_that_is_not_finite_damps_the_joints() -> None:
     robot, copying = ScriptedRobot([0], [1]), Copying()
     copying.torque = np.nan
     found = run(robot, copying, 2)
-    assert (found.ending, found.refused) == (Ending.DURATION, 2)
+    assert (found.ending, found.refused) == (StopReason.DURATION, 2)
     assert all(map(is_damping, robot.written))
 
 
@@ -134,16 +134,18 @@ def test_supply_temperatures_and_errors_of_drives_are_reported(caplog: pytest.Lo
 @pytest.mark.parametrize(
     ("error", "ending", "failure"),
     [
-        (KeyboardInterrupt(), Ending.INTERRUPTED, ""),
+        (KeyboardInterrupt(), StopReason.INTERRUPTED, ""),
         (
             RuntimeError("no  idea"),
-            Ending.FAILED,
+            StopReason.FAILED,
             "ended early, after 1 ticks: RuntimeError: no idea (test_deployment.py",
         ),
-        (SystemExit(3), Ending.FAILED, "ended early, after 1 ticks: SystemExit: 3 (test_deployment.py"),
+        (SystemExit(3), StopReason.FAILED, "ended early, after 1 ticks: SystemExit: 3 (test_deployment.py"),
     ],
 )
-def test_whatever_ends_it_the_last_command_damps_the_joints(error: BaseException, ending: Ending, failure: str) -> None:
+def test_whatever_ends_it_the_last_command_damps_the_joints(
+    error: BaseException, ending: StopReason, failure: str
+) -> None:
     robot = ScriptedRobot([0], [1])
 
     def stop(tick: DeployedTick) -> None:
@@ -189,7 +191,7 @@ def test_single_measurements_of_a_wrong_time_are_ignored_by_name(
 ) -> None:
     robot, copying = ScriptedRobot(*batches), Copying()
     found = run(robot, copying, 4)
-    assert (found.ending, found.ticks, found.misdated) == (Ending.DURATION, 4, misdated)
+    assert (found.ending, found.ticks, found.misdated) == (StopReason.DURATION, 4, misdated)
     np.testing.assert_allclose(copying.estimated, PERIOD * np.arange(4))
     assert "it is ignored" in caplog.text and "clock" in caplog.text
 
@@ -212,14 +214,14 @@ def test_a_clock_that_jumps_or_stands_still_ends_the_run_by_name(times: list[flo
 
     robot, copying = Steady([0], [1], *([each] for each in times)), Copying()
     found = run(robot, copying, 3000)
-    assert found.ending is Ending.CLOCK and words in found.failure
+    assert found.ending is StopReason.CLOCK and words in found.failure
     assert found.ticks == 2 and is_damping(robot.written[-1])
 
 
 def test_times_are_counted_from_the_first_measurement() -> None:
     robot, copying = ScriptedRobot([7e6], [7e6 + 1]), Copying()
     found = run(robot, copying, 2)
-    assert found.ending is Ending.DURATION
+    assert found.ending is StopReason.DURATION
     np.testing.assert_allclose(copying.decided, [0.0, PERIOD], atol=1e-9)
 
 
@@ -243,12 +245,12 @@ def test_limits_stop_the_robot_by_name(quantity: str, value: list[float], words:
     robot = Beyond(*([k] for k in range(30)))
     options = {"period_s": PERIOD, "duration_s": 0.03, "settings": settings, "limits": LIMITS}
     found = deploy(robot, Part(copying.decide), Part(copying.estimate), **options)  # type: ignore[arg-type]
-    assert found.ending is Ending.LIMIT and words in found.failure
+    assert found.ending is StopReason.LIMIT and words in found.failure
     assert 2 <= found.ticks < 6 and is_damping(robot.written[-1])
     single = Beyond([0])  # one reading may be a fault of the sensor
     assert quantity == "torques" or deploy(
         single, Part(copying.decide), Part(copying.estimate), **{**options, "duration_s": PERIOD}  # type: ignore[arg-type]
-    ).ending is Ending.DURATION  # fmt: skip
+    ).ending is StopReason.DURATION  # fmt: skip
 
 
 def test_torques_are_cut_and_rise_at_the_start(caplog: pytest.LogCaptureFixture) -> None:
@@ -285,14 +287,14 @@ class Wishes(Operator):
 def test_the_emergency_stop_has_a_name() -> None:
     robot, copying = ScriptedRobot(*([k] for k in range(9))), Copying()
     found = run(robot, copying, 9, operator=Wishes(copying, stop=3))
-    assert (found.ending, found.failure, found.ticks) == (Ending.STOPPED, "emergency stop by key", 3)
+    assert (found.ending, found.failure, found.ticks) == (StopReason.STOPPED, "emergency stop by key", 3)
     assert [is_damping(command) for command in robot.written] == [False] * 3 + [True]
 
 
 def test_nothing_is_sent_before_arming_and_disarming_damps() -> None:
     robot, copying = ScriptedRobot(*([k] for k in range(9))), Copying()
     found = run(robot, copying, 5, operator=Wishes(copying, arm=4, disarm=3))
-    assert (found.ending, found.ticks) == (Ending.DURATION, 5)
+    assert (found.ending, found.ticks) == (StopReason.DURATION, 5)
     assert [is_damping(command) for command in robot.written] == [False] * 3 + [True] * 3
     np.testing.assert_allclose(copying.decided, PERIOD * np.arange(5), atol=1e-12)  # the run begins when it is armed
 
@@ -311,5 +313,5 @@ def test_the_robot_lies_down_after_the_run(wishes: dict[str, int], ending: str, 
     found = deploy(
         robot, Part(decide), Part(copying.estimate), period_s=PERIOD, duration_s=4 * PERIOD, **options  # type: ignore[arg-type]
     )  # fmt: skip
-    assert (found.ending, len(ticks)) == (Ending[ending], recorded)
+    assert (found.ending, len(ticks)) == (StopReason[ending], recorded)
     assert 5 <= sum(seen) <= 7 and seen == sorted(seen)

@@ -26,7 +26,7 @@ from lgmpc.config.deploying import deploy_config, serve_config
 from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
 from lgmpc.errors import ConfigError, InputError, Interrupted
-from lgmpc.hardware import Deployment, Ending, UdpDriver, UdpRobot
+from lgmpc.hardware import Deployment, StopReason, UdpDriver, UdpRobot
 from lgmpc.hardware.packets import Layout
 from lgmpc.hardware.secret import read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
@@ -253,7 +253,7 @@ def test_a_robot_trots_on_while_its_mpcs_process_stops_and_ends(
 
     monkeypatch.setattr(ProcessMpc, "update", faulty)
     finished, deployment, served = on_a_link(load_config("solo12_velocity_inekf", changes), tmp_path, lock_step=True)
-    assert not faults and deployment.ending is Ending.DURATION and seen[-1].restarts == 1
+    assert not faults and deployment.ending is StopReason.DURATION and seen[-1].restarts == 1
     assert served.q[-1, 0] > 0.5 and served.q[:, 2].min() > 0.2
     assert np.abs(served.q[:, 3:5]).max() < np.sin(np.radians(5.0) / 2.0)
 

@@ -15,7 +15,7 @@ from lgmpc.config import load_config
 from lgmpc.config.build import build_robot
 from lgmpc.control import Command, Measurement, RobotState
 from lgmpc.errors import InputError, LgmpcError
-from lgmpc.hardware import DeploymentSettings, Ending, deploy
+from lgmpc.hardware import DeploymentSettings, StopReason, deploy
 from lgmpc.hardware.odri import OdriDriver
 
 NU, PERIOD = 12, 1e-3
@@ -93,7 +93,7 @@ def run(driver: OdriDriver, ticks: int) -> Any:
 def test_commands_and_gains_of_each_joint_reach_the_motor_boards(monkeypatch: pytest.MonkeyPatch, file: Path) -> None:
     robot = installed(monkeypatch, Robot())
     found = run(OdriDriver(file, POSTURE, PERIOD), 50)
-    assert found.ending is Ending.DURATION and found.ticks + found.missing > 40
+    assert found.ending is StopReason.DURATION and found.ticks + found.missing > 40
     np.testing.assert_array_equal(robot.calibrated_to, POSTURE)
     for number, name in enumerate(FIELDS):
         np.testing.assert_array_equal(robot.sent[0][name], np.full(NU, float(number)))
@@ -123,7 +123,7 @@ def test_the_command_line_calibrates_to_the_reference_posture(monkeypatch: pytes
 def test_an_error_of_the_robot_ends_the_run_with_damped_joints(monkeypatch: pytest.MonkeyPatch, file: Path) -> None:
     robot = installed(monkeypatch, Robot(fails_at=10))
     found = run(OdriDriver(file, POSTURE, PERIOD), 50)
-    assert found.ending is Ending.FAILED and "the robot reports an error" in found.failure
+    assert found.ending is StopReason.FAILED and "the robot reports an error" in found.failure
     assert (robot.sent[-1]["velocity_gains"] == 0.3).all()
 
 

@@ -16,7 +16,7 @@ from lgmpc.config.deploying import serve_config
 from lgmpc.config.execution import FinishedRun
 from lgmpc.config.robots import build_robot
 from lgmpc.control import Command, Measurement
-from lgmpc.hardware import Deployment, Ending, UdpDriver, UdpRobot
+from lgmpc.hardware import Deployment, StopReason, UdpDriver, UdpRobot
 from lgmpc.hardware.safety import Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, Served
 from lgmpc.live.deployed import DeployedRun, deployed_config
@@ -129,7 +129,7 @@ def test_a_robot_is_armed_walked_and_stopped_from_the_page(far: Far) -> None:
     arming.start()
     finished, deployment, served = far.drive((0.5, Pace(paused=True)), (1.2, Order("stop")))
     arming.join()
-    assert deployment.ending is Ending.STOPPED and deployment.failure == "emergency stop on the page"
+    assert deployment.ending is StopReason.STOPPED and deployment.failure == "emergency stop on the page"
     assert served.q[-1, 0] > 0.15 and served.max_tilt_deg < 5.0
     log = finished.session.log
     assert 1.2 <= log.time[-1] < 1.25
@@ -147,7 +147,7 @@ def test_joints_of_a_disarmed_robot_are_damped_until_it_is_armed_again(far: Far)
     _, deployment, served = far.drive((0.2, Order("disarm")), (0.25, Order("arm")), (0.6, Order("lie")))
     torques = np.array([np.abs(command.tau).max() for command in far.commands])
     assert (torques[:195] > 0.1).all() and not torques[205:245].any() and (torques[255:595] > 0.1).all()
-    assert deployment.ending is Ending.INTERRUPTED
+    assert deployment.ending is StopReason.INTERRUPTED
     assert served.q[590, 2] > 0.2 and served.q[-1, 2] < 0.2
 
 
@@ -155,5 +155,5 @@ def test_a_robot_whose_page_is_gone_stands_still(far: Far) -> None:
     far.pipe.send(Order("arm"))
     far.pipe.send(WALK)
     _, deployment, served = far.drive((0.8, far.pipe.close))
-    assert deployment.ending is Ending.DURATION
+    assert deployment.ending is StopReason.DURATION
     assert served.q[800, 0] > 0.1 and np.abs(served.v[1900:2000, :2]).max() < 0.05

@@ -81,13 +81,6 @@ def test_standing_still_needs_the_weight_shared_evenly() -> None:
     assert plan.end == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize(
-    ("former", "name"), [("riccati", "active_set"), ("active_set_dense", "active_set"), ("piqp_multistage", "piqp")]
-)
-def test_former_names_of_solvers_stay_valid(former: str, name: str) -> None:
-    assert CentroidalMpcSettings.model_validate({"qp_solver": former}).qp_solver == name
-
-
 @pytest.mark.parametrize("qp_solver", QP_SOLVERS)
 def test_pushed_model_comes_back_with_forces_that_do_not_slip(qp_solver: str) -> None:
     mpc = make(qp_solver=qp_solver)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -12,9 +14,10 @@ from lgmpc.actions import CentroidalAction
 from lgmpc.config.build import prepare
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import biped_gaits
-from lgmpc.locomotion.legs import LegGeometry, leg_inertias
+from lgmpc.locomotion.legs import LegGeometry, leg_inertias, leg_momentum
 from lgmpc.robot import leg_joints, load_robot
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
+from tests.support.displaced import DISPLACEMENTS
 
 PUSH = "pushes=[{{body: base_link, time_s: 0.05, duration_s: 0.2, impulse_ns: [{}, {}, 0]}}]"
 
@@ -102,6 +105,26 @@ def test_angular_momentum_of_legs_that_move_their_soles(legs):
     expected = pin.computeCentroidalMomentum(model, data, q, v).angular
     found = base @ np.einsum("fij,fj->i", leg_inertias(legs), wanted)
     np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_legs_that_walk_along_a_slope_have_the_momentum_of_those_on_a_level_floor_along_it():
+    """Of a swing under way and of one to come; soles rise and fall across the ground, which is left out."""
+    tilted = DISPLACEMENTS["tilted"].rotation
+    swings = {0: [SimpleNamespace(liftoff=-0.1, touchdown=0.2)], 1: [SimpleNamespace(liftoff=0.25, touchdown=0.4)]}
+    clock = SimpleNamespace(swings=lambda foot, begin, end: swings[foot])
+    places = np.zeros((8, 2, 3))
+    places[:, 0, 0], places[:, 1, :2], places[5:, 1, 0] = 0.3, [-0.1, -0.2], 0.5
+    found = []
+    for turn in (np.eye(3), tilted):
+
+        def sample(time, position, velocity, acceleration, turn=turn):
+            velocity[:] = turn @ [1.2, 0.1, 0.2 - time]
+
+        path = SimpleNamespace(touchdown=0.2, sample=sample)
+        given = np.tile(np.eye(3), (2, 1, 1)), 0.0, clock, [path, path], places @ turn.T, turn[:, 2]
+        found.append(leg_momentum(*given, np.tile(turn @ [0.6, 0.0, 0.0], (9, 1)), 0.0, 0.05) @ turn)
+    np.testing.assert_allclose(found[1], found[0], atol=1e-12)
+    assert np.ptp(found[0][:, 0]) > 0.5 and np.abs(found[0][:, 2]).max() < 1e-12
 
 
 def test_two_feet_walk_in_turn_and_stand_on_both_between():

@@ -433,8 +433,8 @@ class Feet:
         if self._inertias is None:
             return
         centres, yaw = contacts.points[:, self.points.starts], float(self.yaws.mean())
-        given = self._inertias, yaw, self.clock, self._swings, centres, motion.com_velocity, time, dt
-        motion.legs = None if self.standing else leg_momentum(*given)
+        given = self._inertias, yaw, self.clock, self._swings, centres, self.ground.normal
+        motion.legs = None if self.standing else leg_momentum(*given, motion.com_velocity, time, dt)
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

@@ -129,8 +129,8 @@ class LeggedController:
         self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet, period)
         self._leg_retraction = LegRetraction(robot, self._mode_settings.lying)
         self._rise_motion = RiseMotion(self._mode_settings.lying)
-        self._weight = -robot.mass * float(robot.gravity[2])
-        self._standing_forces = np.tile([0.0, 0.0, self._weight / robot.nc], (robot.nc, 1))
+        self._weight = -robot.mass * robot.gravity
+        self._standing_forces = np.tile(self._weight / robot.nc, (robot.nc, 1))
         self._begun = self._waits = False
         self._joints, self._rates = robot.joint_q, robot.joint_v
         self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
@@ -284,7 +284,7 @@ class LeggedController:
         inputs.lame, inputs.failure = self.faults.lame, ""
         if mode is Mode.DAMP:
             inputs.rearmed = self._rest.update(time, upright, state.v, request.mode)
-            inputs.dropped &= self._fall.drops(time, float(terms.momentum[2]) / self.robot.mass)
+            inputs.dropped &= self._fall.drops(time, float(terms.momentum[:3] @ self.robot.up) / self.robot.mass)
         elif mode is Mode.LIE:
             inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_retraction.done(time)
         else:
@@ -378,7 +378,7 @@ class LeggedController:
             self._desired.write_balance(self._tasks)
         if lifting:
             self._inputs.lifted = self._rise_motion.update(time)
-            wbc.external_wrench[2] = self._rise_motion.support * self._weight
+            wbc.external_wrench[:3] = self._rise_motion.support * self._weight
             self._desired.write_rise(self._tasks, self._rise_motion, self._leg_retraction)
 
     def _write_horizon(self, time: float, planner: Planner) -> None:

@@ -119,7 +119,10 @@ class Maneuver:
             period: between two ticks, s.
         """
         q, v, terms = xs[:, : robot.nq], xs[:, robot.nq :], WholeBodyTerms(robot)
-        momenta = np.array([_updated(terms, *each).momentum.copy() for each in zip(q, v, strict=True)])
+        momenta = np.zeros((len(xs), 6))
+        for k in range(len(xs)):
+            terms.update(q[k], v[k])
+            momenta[k] = terms.momentum
         lengths = np.diff(times)
         intervals = np.flatnonzero(lengths > 0.0)
         rows = period * np.arange(1 + math.floor(times[-1] / period + 1e-9))
@@ -129,7 +132,7 @@ class Maneuver:
         sampled_v = v[of] + shares[:, None] * (v[of + 1] - v[of])
         bases, coms, points = [], [], []
         for each in zip(sampled_q, sampled_v, strict=True):
-            _updated(terms, *each)
+            terms.update(*each)
             bases.append(terms.rotation.copy())
             coms.append(terms.com.copy())
             points.append(terms.contact_points.copy())
@@ -159,16 +162,19 @@ class Maneuver:
         air = np.concatenate([[False], ~self.stance.any(axis=1), [False]])
         return list(zip(*(np.flatnonzero(air[1:] != air[:-1]).reshape(-1, 2).T.tolist()), strict=True))
 
-    def placed(self, points: Array, yaw: float) -> "Maneuver":
-        """Return the manoeuvre that begins with feet in the middle of ``points`` (nc, 3), m, along a heading, rad."""
+    def placed(self, points: Array, rotation: Array, up: Array) -> "Maneuver":
+        """Return the manoeuvre turned about the vertical ``up`` (3,) and shifted to where a robot stands.
+
+        It begins with its feet in the middle of ``points`` (nc, 3), m, along the heading of a base ``rotation`` (3, 3).
+        """
         # A plan for a world begins along the heading of the start there.
-        yaw -= math.atan2(self.rotation[0, 1, 0], self.rotation[0, 0, 0])
-        c, s = math.cos(yaw), math.sin(yaw)
-        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])  # of row vectors
+        begin, ahead = self.rotation[0, :, 0], rotation[:, 0]
+        yaw = math.atan2(up @ np.cross(begin, ahead), begin @ ahead - (begin @ up) * (ahead @ up))
+        turn = so3.exp(-yaw * up)  # of row vectors
         start, shift = self.points[0].mean(axis=0), points.mean(axis=0)
         q = self.q.copy()
         q[:, :3] = (q[:, :3] - start) @ turn + shift
-        half = np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)])
+        half = np.array([*(math.sin(0.5 * yaw) * up), math.cos(0.5 * yaw)])
         q[:, 3:7] = quaternion.compose(half, q[:, 3:7])
         return replace(
             self,
@@ -199,11 +205,6 @@ def _landing(robot: Robot, period: float) -> tuple[Array, Array, BoolArray, Arra
     forces = flags[:, :, None] * (-robot.mass / robot.nc * robot.gravity)
     times = np.array([0.0, fall, fall + _RISE_S, fall + _RISE_S + _SETTLE_S])
     return times, xs, flags, forces
-
-
-def _updated(terms: WholeBodyTerms, q: Array, v: Array) -> WholeBodyTerms:
-    terms.update(q, v)
-    return terms
 
 
 def _check_ends(robot: Robot, xs: Array, flags: BoolArray, falls: bool) -> None:

@@ -28,7 +28,7 @@ from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.robot import Robot
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import WholeBodyController
 
 _LOG = logging.getLogger(__name__)
@@ -76,10 +76,12 @@ class Performance:
     """
 
     def __init__(self, maneuver: Maneuver, wbc: WholeBodyController, tasks: MotionTasks, robot: Robot) -> None:
-        self.plan = maneuver.placed(wbc.terms.contact_points, wbc.terms.yaw)
+        self.plan = maneuver.placed(wbc.terms.contact_points, wbc.terms.rotation, robot.up)
         self.done, self.landed, self.failure = False, False, ""
         self.stance = self.plan.stance[0].copy()
         self._wbc, self._tasks, self._robot = wbc, tasks, robot
+        self._up, self._gravity = robot.up, float(np.linalg.norm(robot.gravity))
+        self._heights = self.plan.com @ robot.up
         self._flights = self.plan.flights
         self._row, self._waited, self._since_landing = -1, 0, len(self.plan.q)
         self._rate, self._part = 1.0, 0.0  # of the clock in the air, and of the present tick
@@ -188,20 +190,20 @@ class Performance:
     def _early_flight(self) -> tuple[int, int] | None:
         """Return the next flight if the robot, thrown from here, rises as high as in it."""
         terms, flight = self._wbc.terms, next((each for each in self._flights if each[0] > self._row), None)
-        climb = float(terms.momentum[2]) / self._robot.mass
+        climb = float(terms.momentum[:3] @ self._up) / self._robot.mass
         if flight is None or climb <= 0.0:
             return None
         # Half of what the tick to come would add is lost, half too much.
-        climb += 0.5 * self.plan.period * float(self.plan.momentum_rate[self._row, 2]) / self._robot.mass
-        apex = float(self.plan.com[slice(*flight), 2].max() + self._shift[2])
-        return flight if terms.z + 0.5 * climb**2 / GRAVITY >= apex else None
+        climb += 0.5 * self.plan.period * float(self.plan.momentum_rate[self._row, :3] @ self._up) / self._robot.mass
+        apex = float(self._heights[slice(*flight)].max() + self._shift @ self._up)
+        return flight if float(terms.com @ self._up) + 0.5 * climb**2 / self._gravity >= apex else None
 
     def _flight_rate(self, end: int) -> float:
         """Return the speed of the clock with which the centre of mass is at the end of a flight when it is."""
         terms, period = self._wbc.terms, self.plan.period
-        climb = float(terms.momentum[2]) / self._robot.mass
-        above = max(terms.z - float(self.plan.com[end - 1, 2] + self._shift[2]), 0.0)
-        left = (climb + math.sqrt(climb**2 + 2.0 * GRAVITY * above)) / GRAVITY
+        climb = float(terms.momentum[:3] @ self._up) / self._robot.mass
+        above = max(float((terms.com - self._shift) @ self._up - self._heights[end - 1]), 0.0)
+        left = (climb + math.sqrt(climb**2 + 2.0 * self._gravity * above)) / self._gravity
         return min(max((end - self._row) * period / max(left, period), _SLOWEST), _FASTEST)
 
     def _follow_feet(self) -> None:

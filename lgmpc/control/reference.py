@@ -133,7 +133,7 @@ class DesiredMotion:
         self._mass, self._height = robot.mass, legs.height
         self._turns = robot.short_support and settings.reaction.enabled
         self._planned: MotionReference | None = None  # over the last horizon
-        self._grip = -_GRIP_SHARE * float(robot.gravity[2])
+        self._grip = _GRIP_SHARE * float(np.linalg.norm(robot.gravity))
         self._centre: Array = np.zeros(9)  # position, velocity and acceleration of the centre of mass
         self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
 

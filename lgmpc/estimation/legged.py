@@ -302,7 +302,7 @@ class LeggedEstimator:
             square=self._squares,
         )  # fmt: skip
         self.settings, self._period = settings, duration_of("period", period)
-        self._up = -robot.gravity / np.linalg.norm(robot.gravity)
+        self._up = robot.up
         self._external = _External(self.ekf, settings, period, self.monitor)
         self._start = np.eye(5)
         self._start[:3, :3] = quaternion.to_matrix(start[3:])

@@ -121,6 +121,7 @@ def leg_momentum(
     clock: GaitClock,
     swings: Sequence[SwingTrajectory],
     places: Array,
+    normal: Array,
     com_velocity: Array,
     time: float,
     dt: float,
@@ -135,6 +136,7 @@ def leg_momentum(
         clock: the schedule.
         swings: (nf,) paths of the present swings; later ones are quintics from rest to rest.
         places: (N, nf, 3) where each foot stands or will touch down next in each interval, m.
+        normal: (3,) of the ground, along which their motion is left out.
         com_velocity: (N+1, 3) of the centre of mass at the nodes, m/s.
         time: of the first node, s.
         dt: duration of the intervals, s.
@@ -152,7 +154,7 @@ def leg_momentum(
                 s = np.clip((times - swing.liftoff) / duration, 0.0, 1.0)[:, None]
                 step = (places[begin, foot] - places[begin - 1, foot]) / duration
                 moving[:, foot] += 30.0 * (s * (1.0 - s)) ** 2 * step
-    moving[..., 2] = 0.0
+    moving -= (moving @ normal)[..., None] * normal
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, yaw)
     relative = (moving - com_velocity[:, None]) @ turn
     return np.einsum("fij,kfj->ki", inertias, relative) @ turn.T

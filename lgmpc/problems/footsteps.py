@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
 from lgmpc.locomotion.sequence import GaitSequence
+from lgmpc.robot.feet import UP
 from lgmpc.typing import Array
 
 
@@ -140,7 +141,7 @@ class SwingCurve:
     """Reference of a foot in the air: velocity and acceleration are zero at both ends.
 
     With ``s`` from 0 to 1, ``start + (end - start)(10 s^3 - 15 s^4 + 6 s^5)`` (minimum jerk: Flash and Hogan,
-    J. Neurosci. 5, 1985) plus ``64 height s^3 (1 - s)^3`` upwards, whose apex is at half time.
+    J. Neurosci. 5, 1985) plus ``64 height s^3 (1 - s)^3`` along the ground's normal, whose apex is at half time.
 
     Attributes:
         start: (3,) position at lift-off, world, m.
@@ -148,6 +149,7 @@ class SwingCurve:
         height: of the apex above the line, m.
         liftoff: time, s.
         touchdown: time, s.
+        normal: (3,) of the ground, world axes.
     """
 
     start: Array
@@ -155,6 +157,7 @@ class SwingCurve:
     height: float
     liftoff: float
     touchdown: float
+    normal: Array | tuple[float, float, float] = UP
 
     @property
     def ends(self) -> tuple[tuple[float, Array], tuple[float, Array]]:
@@ -170,8 +173,7 @@ class SwingCurve:
         s = self.progress(times)
         line = s**3 * (10.0 + s * (6.0 * s - 15.0))
         points = self.start + line[..., None] * (self.end - self.start)
-        points[..., 2] += 64.0 * self.height * (s * (1.0 - s)) ** 3
-        return points
+        return points + (64.0 * self.height * (s * (1.0 - s)) ** 3)[..., None] * np.asarray(self.normal)
 
 
 @dataclass(frozen=True, eq=False)

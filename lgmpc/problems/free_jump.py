@@ -64,15 +64,16 @@ class _Apex(Residual):
     """Apex of the parabola of the centre of mass minus the reference, m."""
 
     nr = 1
-    parameters = (Parameter("reference", 1, "height of the apex, world, m"),)
+    parameters = (Parameter("reference", 1, "height of the apex, against gravity from the world's origin, m"),)
 
-    def __init__(self, gravity: float) -> None:
-        self._gravity = gravity
+    def __init__(self, robot: Robot) -> None:
+        self._gravity, self._up = float(np.linalg.norm(robot.gravity)), tuple(robot.up.tolist())
 
     def expression(self, s: StageSymbols) -> Any:
         """Return the difference."""
-        rate = s.robot.vcom(s.q, s.v)[2]
-        return s.com[2] + ca.if_else(rate > 0.0, rate, 0.0) ** 2 / (2.0 * self._gravity) - s["reference"]
+        up = ca.DM(self._up)
+        rate = ca.dot(up, s.robot.vcom(s.q, s.v))
+        return ca.dot(up, s.com) + ca.if_else(rate > 0.0, rate, 0.0) ** 2 / (2.0 * self._gravity) - s["reference"]
 
 
 @typed
@@ -100,11 +101,11 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     gait, leap, steps = planned(*(s.nominal_s(phase) for phase in _PHASES))
     grid = gait.grid(s.step_s)
     reference = legged.reference_states(robot, leap, grid.times, ground, steps)
-    apex = CostItem("apex", _Apex(scale.gravity), 0.0)
+    apex = CostItem("apex", _Apex(robot), 0.0)
     fixed = legged.legged_problem(robot, grid, reference, steps, s, ground, (apex,))
     first_flight = int(np.flatnonzero(grid.flight)[0])
     first_landing = int(np.flatnonzero(grid.impacts)[-1]) + 1
-    top = float(com_positions(robot, reference[:1])[0, 2]) + s.com_rise_m
+    top = float(com_positions(robot, reference[:1])[0] @ robot.up) + s.com_rise_m
     fixed.set("apex_reference", top)
     # The running cost is multiplied by the interval's duration; the weight is per square of the leg's length.
     weight = s.rise_weight / scale.length**2 / grid.durations[first_flight]
@@ -145,7 +146,7 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     flags[~free.chosen] = grid.flags
     gates = np.flatnonzero(free.chosen)
     flags[gates] = flags[gates + 1]
-    guess = Trajectory(legged.resting_guess(robot, grid, reference), legged.carrying_efforts(robot, grid))
+    guess = Trajectory(legged.resting_guess(robot, grid, reference), legged.carrying_efforts(robot, grid, reference[0]))
     return Scenario(
         name="jump_free_time",
         robot=robot,

@@ -252,7 +252,7 @@ class Ground:
         """Return a swing on the ground, higher by what is higher than both of its ends below it."""
         ends = self._foothold(np.array([swing.start, swing.end]), radius)
         top = float(self.world.highest(ends[:1, :2], ends[1:, :2])[0] - self.world.height(ends[:, :2]).max())
-        return replace(swing, start=ends[0], end=ends[1], height=swing.height + max(0.0, top))
+        return replace(swing, start=ends[0], end=ends[1], height=swing.height + max(0.0, top), normal=self.axes[:, 2])
 
 
 def _shanks(robot: Robot, shares: Array) -> list[tuple[int, Array, float, float]]:

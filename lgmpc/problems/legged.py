@@ -106,7 +106,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
         name=name,
         robot=robot,
         problem=problem,
-        guess=Trajectory(resting_guess(robot, grid, reference), carrying_efforts(robot, grid)),
+        guess=Trajectory(resting_guess(robot, grid, reference), carrying_efforts(robot, grid, reference[0])),
         durations=grid.durations,
         figures=figures.measure,
         contact_flags=grid.flags,
@@ -281,7 +281,7 @@ def legged_problem(
     problem.set("contact_points", places[moving].reshape(len(moving), -1), moving)
     problem.set("posture_reference", reference[[*moving, last]], [*moving, last])
     problem.set("posture_weight", w.terminal * state, [last])
-    problem.set("effort_reference", carrying_efforts(robot, grid)[moving], moving)
+    problem.set("effort_reference", carrying_efforts(robot, grid, reference[0])[moving], moving)
     problem.set("clearance_solids", solids, [*moving, last])
     problem.set(
         "clearance_lower", _distances(spheres, grid, steps, settings.clearance_m)[[*moving, last]], [*moving, last]
@@ -312,15 +312,15 @@ def _distances(spheres: BodySpheres, grid: GaitGrid, steps: Footsteps, clearance
     return kept
 
 
-def carrying_efforts(robot: Robot, grid: GaitGrid) -> Array:
-    """Return (N, nu) the torques that balance the reference posture on the feet on the ground, in least squares.
+def carrying_efforts(robot: Robot, grid: GaitGrid, x: Array) -> Array:
+    """Return (N, nu) the torques that balance the posture of state x (nx,) on the feet on the ground, in least squares.
 
     Zero in flight and at impacts.
     """
     known: dict[bytes, Array] = {}
     for flags in grid.flags:
         if flags.tobytes() not in known:
-            _, known[flags.tobytes()] = carry(robot, flags)
+            _, known[flags.tobytes()] = carry(robot, x[: robot.nq], flags)
     efforts = np.array([known[flags.tobytes()] for flags in grid.flags])
     efforts[grid.impacts] = 0.0
     return efforts

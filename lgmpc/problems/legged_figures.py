@@ -40,17 +40,16 @@ class LeggedFigures:
         """Return all figures by name, which ends in the unit.
 
         forward_distance_m, goal_error_m, goal_rotation_error_deg: of the base at the end, from its start and its goal.
-        final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from upright. clearance_m:
-        least distance of the collision shapes and of the shanks from the ground; foot_depth_m: of feet in the air in
-        it. com_rise_m:
-        highest centre of mass above its first. swing_height_m: apex of the lowest swing above its line.
-        foot_height_error_m: of feet in the air from their references. foothold_error_m, touchdown_speed_m_s: at
-        touchdown. slip_m: largest distance of a foot on the ground from its touchdown position. friction_ratio: largest
-        ratio of tangential force to its limit; normal_force_n: the smallest; peak_force_n: the largest.
-        impact_cone_violation_ns: of impulses outside the cone. effort_ratio, joint_velocity_ratio: largest ratios to
-        the limits. joint_limit_violation_rad: beyond the limits. dynamics_misfit_ratio: residual of the equations of
-        motion over the weight, at impacts over the impulse of the weight in a second. flight_com_error_m,
-        flight_spin_ratio: see :meth:`flight`.
+        final_speed_m_s: of the centre of mass. tilt_deg: largest angle of the base's z axis from the ground's normal.
+        clearance_m: least distance of the collision shapes and of the shanks from the ground; foot_depth_m: of feet in
+        the air in it. com_rise_m: highest centre of mass above its first. swing_height_m: apex of the lowest swing
+        above its line along the normal. foot_height_error_m: of feet in the air from their references, along the normal
+        as well. foothold_error_m, touchdown_speed_m_s: at touchdown. slip_m: largest distance of a foot on the ground
+        from its touchdown position. friction_ratio: largest ratio of tangential force to its limit; normal_force_n: the
+        smallest; peak_force_n: the largest. impact_cone_violation_ns: of impulses outside the cone. effort_ratio,
+        joint_velocity_ratio: largest ratios to the limits. joint_limit_violation_rad: beyond the limits.
+        dynamics_misfit_ratio: residual of the equations of motion over the weight, at impacts over the impulse of the
+        weight in a second. flight_com_error_m, flight_spin_ratio: see :meth:`flight`.
         """
         robot, grid, xs = self.robot, self.grid, trajectory.xs
         feet, planned = motion.contact_positions(robot, xs), self.steps.positions(grid.times)
@@ -60,18 +59,19 @@ class LeggedFigures:
         struck = wrenches[grid.flags & grid.impacts[:, None]]
         rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
         weight = robot.mass * float(np.linalg.norm(robot.gravity))
-        raised = np.abs((feet - planned)[:-1][~grid.flags][:, 2])
+        normal = self.ground.axes[:, 2]
+        raised = np.abs((feet - planned)[:-1][~grid.flags] @ normal)
         rotations = so3.from_quaternion.unchecked(xs[:, 3:7])
         start, goal = self.ground.placed(robot.x_reference[None])[0], self.goal
         turned = so3.from_quaternion.unchecked(goal[3:7]).T @ rotations[-1]
-        com = motion.com_positions(robot, xs)[:, 2]
+        com = motion.com_positions(robot, xs) @ robot.up
         com_error, spin = self.flight(xs)
         return {
             "forward_distance_m": float((xs[-1, :3] - start[:3]) @ self.ground.axes[:, 0]),
             "goal_error_m": float(np.linalg.norm(xs[-1, :3] - goal[:3])),
             "goal_rotation_error_deg": math.degrees(float(np.linalg.norm(pin.log3(turned)))),
             "final_speed_m_s": motion.com_speed(robot, xs[-1]),
-            "tilt_deg": math.degrees(float(np.arccos(np.clip(rotations[:, 2, 2], -1.0, 1.0)).max())),
+            "tilt_deg": math.degrees(float(np.arccos(np.clip(rotations[:, :, 2] @ normal, -1.0, 1.0)).max())),
             "clearance_m": float(BodySpheres.measured(robot).distances(robot, xs, self.ground.world).min()),
             "foot_depth_m": self._foot_depth(feet),
             "com_rise_m": float(com.max() - com[0]),
@@ -127,7 +127,7 @@ class LeggedFigures:
             for first, last in _runs(~down):
                 fraction = (self.grid.times[first : last + 1] - self.grid.times[first])[:, None]
                 line = feet[first, i] + fraction / fraction[-1] * (feet[last, i] - feet[first, i])
-                apexes.append(float((feet[first : last + 1, i] - line)[:, 2].max()))
+                apexes.append(float(((feet[first : last + 1, i] - line) @ self.ground.axes[:, 2]).max()))
         return min(apexes, default=0.0)
 
     def _foot_depth(self, feet: Array) -> float:

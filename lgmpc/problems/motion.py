@@ -102,14 +102,15 @@ def reactions(robot: Robot, trajectory: Trajectory, durations: Array, flags: Boo
     return Reactions(wrenches, misfit)
 
 
-def carry(robot: Robot, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
-    """Return the contacts' wrenches (nc, size) and the efforts (nu,), N.m, that balance the reference posture at rest.
+def carry(robot: Robot, q: Array, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
+    """Return the contacts' wrenches (nc, size) and the efforts (nu,), N.m, that balance a posture at rest.
 
     The wrenches of least norm that balance gravity on the free base in least squares, and the efforts that then
     remain. Zero efforts if there is no contact.
 
     Args:
         robot: with free base and contact frames.
+        q: (nq,) configuration.
         flags: (nc,) which contacts are on the ground.
         size: 3 or 6; see :func:`reactions`.
     """
@@ -117,8 +118,8 @@ def carry(robot: Robot, flags: BoolArray, size: int = 3) -> tuple[Array, Array]:
     if not flags.any():
         return wrenches, np.zeros(robot.nu)
     data, base = robot.create_data(), slice(0, robot.joint_v.start)
-    gravity = pin.computeGeneralizedGravity(robot.model, data, robot.q_reference)
-    rows = _jacobian(robot, data, robot.q_reference, flags, size)
+    gravity = pin.computeGeneralizedGravity(robot.model, data, q)
+    rows = _jacobian(robot, data, q, flags, size)
     found = np.linalg.lstsq(rows[:, base].T, gravity[base], rcond=None)[0]
     wrenches[flags] = found.reshape(-1, size)
     return wrenches, (gravity - rows.T @ found)[robot.joint_v]

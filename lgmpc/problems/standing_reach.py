@@ -112,7 +112,7 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     corners = np.concatenate([sole_corners(sole, s.sole_half_size_m) for sole in stance])
     problem = _problem(robot, s, stance)
     durations, flags = np.full(s.nodes, s.node_s), np.ones((s.nodes, robot.nc), dtype=np.bool_)
-    _, effort = motion.carry(robot, flags[0], 6)
+    _, effort = motion.carry(robot, robot.q_reference, flags[0], 6)
     bounded = np.clip(effort, -robot.effort_limit, robot.effort_limit)
     guess = Trajectory(problem.hold().xs, np.tile(bounded, (s.nodes, 1)))
 

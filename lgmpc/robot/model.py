@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError
 from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
+from lgmpc.robot.feet import UP
 from lgmpc.robot.names import degree_names, frame_index, is_floating
 from lgmpc.robot.soles import Foot, FootPoints, support_share
 from lgmpc.typing import Array
@@ -199,6 +200,14 @@ class Robot:
         gravity = np.array(self.model.gravity.linear)
         gravity.flags.writeable = False
         return gravity
+
+    @cached_property
+    def up(self) -> Array:
+        """(3,) direction against gravity, world axes; z without gravity."""
+        size = float(np.linalg.norm(self.gravity))
+        up: Array = (0.0 - self.gravity) / size if size > 0.0 else np.array(UP)
+        up.flags.writeable = False
+        return up
 
     @cached_property
     def upright_axis(self) -> Array:

@@ -64,8 +64,7 @@ class Contacts:
         """
         nc = robot.nc
         assert settings.normal_force_n is not None
-        forces = np.zeros((nc, 3))
-        forces[:, 2] = robot.mass * -robot.gravity[2] / nc
+        forces = np.tile(robot.mass * -robot.gravity / nc, (nc, 1))
         lowest, highest = settings.normal_force_n
         return cls(
             np.ones(nc, dtype=np.bool_),

@@ -8,7 +8,6 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.robot.feet import UP
 from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.typing import Array
 
@@ -52,7 +51,7 @@ class WholeBodyTerms:
         self.v = np.zeros(robot.nv)
         kernel = StageKernel.of(_terms, robot)
         memory = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
-        self.normals = np.tile(np.array(UP), (robot.nc, 1))
+        self.normals = np.tile(robot.up, (robot.nc, 1))
         self._run = kernel.bind(1, q=self.q, v=self.v, normals=self.normals.reshape(-1), **memory)
         self.com, self.momentum, self.momentum_drift = (memory[k] for k in ("com", "momentum", "momentum_drift"))
         self.momentum_matrix = memory["momentum_matrix"].reshape(6, robot.nv)

@@ -7,11 +7,16 @@ import pinocchio as pin
 import pytest
 
 from lgmpc.control.maneuver import Maneuver
+from lgmpc.control.performance import Performance
+from lgmpc.control.reference import MotionTasks
 from lgmpc.errors import InputError
+from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.robot import Robot, RobotSpec, load_robot
-from lgmpc.wbc import WholeBodyTerms
+from lgmpc.wbc import WholeBodyController, WholeBodySettings, WholeBodyTerms
+from tests.support.displaced import DISPLACEMENTS, Displacement
 
 PERIOD = 1e-3
+NOWHERE = Displacement.of((0.0, 0.0, 0.0))
 TIMES = np.array([0.0, 0.1, 0.2, 0.2, 0.35])
 FLAGS = np.array([[True] * 4, [False] * 4, [True] * 4, [True] * 4])
 
@@ -73,7 +78,7 @@ def test_a_placed_manoeuvre_is_the_same_motion_turned_and_shifted(robot: Robot, 
     place = np.array([1.0, -2.0, 0.3])
     turn = pin.AngleAxis(yaw, np.array([0.0, 0.0, 1.0])).matrix()
     feet = (own.points[0] - own.points[0].mean(axis=0)) @ turn.T + place
-    placed = own.placed(feet, yaw)
+    placed = own.placed(feet, turn, robot.up)
     np.testing.assert_allclose(placed.points[0], feet, atol=1e-12)
     for row in (0, 57, 150, 300):
         terms.update(placed.q[row], placed.v[row])  # base velocities are in the base's axes
@@ -82,7 +87,7 @@ def test_a_placed_manoeuvre_is_the_same_motion_turned_and_shifted(robot: Robot, 
         np.testing.assert_allclose(placed.rotation[row], terms.rotation, atol=1e-12)
         np.testing.assert_allclose(placed.momentum[row], np.kron(np.eye(2), turn) @ own.momentum[row], atol=1e-12)
         np.testing.assert_allclose(placed.forces[row], own.forces[row] @ turn.T, atol=1e-12)
-    again = placed.placed(own.points[0], 0.0)  # a plan that begins turned
+    again = placed.placed(own.points[0], np.eye(3), robot.up)  # a plan that begins turned
     np.testing.assert_allclose(again.q[:, :3], own.q[:, :3], atol=1e-12)
     np.testing.assert_allclose(again.rotation, own.rotation, atol=1e-12)
 
@@ -115,3 +120,69 @@ def test_a_landing_waits_on_stretched_legs_and_stands(robot: Robot) -> None:
     np.testing.assert_allclose(landing.forces[-1].sum(axis=0), [0.0, 0.0, 9.81 * robot.mass], atol=1e-9)
     terms.update(robot.q_reference, np.zeros(robot.nv))
     np.testing.assert_allclose(landing.com[-1], terms.com, atol=1e-9)
+
+
+def hop(robot: Robot, move: Displacement) -> Maneuver:
+    """A hop of rigid legs at 1 m/s, from a displaced reference posture."""
+    times = np.arange(0.0, 0.505, 0.01)
+    fall = times - 0.1
+    height = np.where(times < 0.1, 5.0 * times**2, 0.05 + fall - 4.905 * fall**2)
+    speed = np.where(times < 0.1, 10.0 * times, 1.0 - 9.81 * fall)
+    height, speed = (np.where(times > 0.3, each[30] * (0.5 - times) / 0.2, each) for each in (height, speed))
+    xs = np.tile(robot.x_reference, (len(times), 1))
+    xs[:, 2], xs[:, robot.nq + 2] = xs[:, 2] + height, speed
+    xs[:, : robot.nq] = move.poses(xs[:, : robot.nq])
+    flags = np.repeat((times < 0.1 - 1e-9) | (times > 0.3 - 1e-9), 4).reshape(-1, 4)[:-1]
+    forces = move.vectors(np.tile([1.0, 0.0, 6.0], (len(flags), 4, 1)) * flags[:, :, None])
+    return Maneuver.of("hop", move.robot(robot), times, xs, flags, forces, PERIOD)
+
+
+def performed(robot: Robot, plan: Displacement, move: Displacement) -> dict[str, np.ndarray]:
+    """Targets of a hop, planned somewhere, of a body that is thrown as high from somewhere else, but 10 % faster."""
+    moved = move.robot(robot)
+    wbc = WholeBodyController(moved, WholeBodySettings())
+    motion, contacts = MotionReference.standing(moved, 10, np.zeros(3)), ContactHorizon.allocate(10, 4)
+    q, v, present = robot.q_reference.copy(), np.zeros(robot.nv), None
+    start, found = q[2], []
+    for tick in range(600):
+        wbc.sense(move.poses(q), v)
+        present = Performance(hop(robot, plan), wbc, MotionTasks.of(wbc.tasks), moved) if present is None else present
+        flies = not present.stance.any()
+        present.advance(np.full(4, not flies or q[2] < start + 0.04))
+        if tick % 5 == 0:
+            present.write_horizon(0.02, 0.5, motion, contacts)
+        com, base = wbc.tasks["com"].target, wbc.tasks["base_orientation"].target
+        rows = {
+            "com": com.position, "com_velocity": com.velocity, "com_acceleration": com.acceleration,
+            "rotation": base.rotation, "base": present.base, "forces": wbc.contacts.target_forces,
+            "momentum_rate": wbc.tasks["angular_momentum"].target.rate, "turning": motion.angular_velocity,
+            "joint_rates": wbc.tasks["posture"].target.velocity, "horizon": motion.com, "points": contacts.points,
+            "flags": contacts.flags, "stance": present.stance, "state": np.array([present.done, present.upright]),
+        }  # fmt: skip
+        found.append({name: np.array(value) for name, value in rows.items()})
+        if present.done:
+            break
+        v[2] = v[2] - 9.81 * PERIOD if flies else 11.0 * PERIOD * tick if tick < 200 else 0.0
+        q[2] += PERIOD * v[2]
+    return {name: np.array([each[name] for each in found]) for name in found[0]}
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_a_manoeuvre_is_performed_alike_wherever_down_is(robot: Robot) -> None:
+    """Down is tilted, and it begins turned and shifted; a thrown body takes off before the plan's 0.1 s."""
+    tilted, turn = DISPLACEMENTS["tilted"], Displacement.of((0.4, -0.2, 0.1), 50.0)
+    there = Displacement(tilted.rotation @ turn.rotation, tilted.points(turn.translation))
+    level, found = performed(robot, NOWHERE, NOWHERE), performed(robot, tilted, there)
+    # It rises by 5.5 t^2 and at 11 t, and from there to the planned 0.101 m; it touches the ground at 0.04 m.
+    assert np.flatnonzero(np.diff(level["stance"].all(axis=1))).tolist() == [93, 314]
+    for name, values in level.items():
+        expected = values
+        if name in ("com", "horizon", "points"):
+            expected = there.points(values)
+        elif name == "rotation":
+            expected = there.rotation @ values
+        elif name == "base":
+            expected = there.poses(values)
+        elif name in ("com_velocity", "com_acceleration", "forces", "momentum_rate", "turning"):
+            expected = there.vectors(values)
+        np.testing.assert_allclose(found[name], expected, atol=1e-9, err_msg=name)

@@ -17,6 +17,7 @@ from lgmpc.problems.ground import BodySpheres, Ground, GroundDistance
 from lgmpc.problems.legged_settings import JumpSettings
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.world import Box, HeightField, Plane, World
+from tests.support.displaced import Displacement
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 STEP = {"kind": "stairs", "steps": 1, "rise_m": 0.1, "ahead_m": 0.25, "tread_m": 1.0}
@@ -42,8 +43,10 @@ def solo12() -> Robot:
     )
 
 
-def jump(**settings: object) -> Scenario:
-    return build_jump(solo12(), JumpSettings(takeoff_s=0.2, flight_s=0.3, landing_s=0.2, step_s=0.02, **settings))
+def jump(robot: Robot | None = None, **settings: object) -> Scenario:
+    return build_jump(
+        robot or solo12(), JumpSettings(takeoff_s=0.2, flight_s=0.3, landing_s=0.2, step_s=0.02, **settings)
+    )
 
 
 def anywhere(seed: int, count: int) -> np.ndarray:
@@ -111,14 +114,18 @@ def test_the_figures_see_bodies_in_the_ground() -> None:
     assert deep["foot_depth_m"] == pytest.approx(0.12, abs=1e-3)  # at the first moment in the air
 
 
-def test_the_problem_is_the_same_anywhere() -> None:
-    """Turned, shifted and raised with its world: figures of the same motion, distances and references agree."""
-    turned = {**STEP, "start_m": (0.1, -0.2), "start_yaw_deg": 25.0, "height_m": 0.7, "ahead_m": 0.6, "width_m": 20.0}
-    here, there = jump(displacement_m=(0.1, 0.0, 0.0)), jump(displacement_m=(0.1, 0.0, 0.0), world=turned)
-    ours, theirs = here.figures(here.guess), there.figures(there.guess)
+@pytest.mark.parametrize("kind", [{"kind": "stairs", "steps": 1, "rise_m": 0.1, "width_m": 20.0}, {"kind": "slope"}])
+def test_the_problem_is_the_same_anywhere(kind: dict[str, object]) -> None:
+    """Turned, shifted and raised with its world, or tilted with gravity: figures, distances and references agree."""
+    world = {**kind, "start_m": (0.1, -0.2), "start_yaw_deg": 25.0, "height_m": 0.7}
+    world |= {"ahead_m": 0.6, "tread_m": 1.0} if kind["kind"] == "stairs" else {}
+    there = Displacement(*JumpSettings(world=world).ground().start_pose)
+    settings, moved = {"displacement_m": (0.1, 0.0, 0.0)}, there.robot(solo12())
+    here, displaced = jump(**settings), jump(moved, **settings, world=world)
+    ours, theirs = here.figures(here.guess), displaced.figures(displaced.guess)
+    assert ours["com_rise_m"] > 0.1 and ours["swing_height_m"] > 0.02
     for name, value in ours.items():
         assert theirs[name] == pytest.approx(value, abs=1e-6), name
-    yaw = np.radians(25.0)
-    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(there.guess.xs[:, :3], here.guess.xs[:, :3] @ turn.T + [0.1, -0.2, 0.7], atol=1e-12)
-    np.testing.assert_allclose(there.guess.xs[:, 7:], here.guess.xs[:, 7:], atol=1e-12)
+    np.testing.assert_allclose(displaced.guess.xs[:, :3], there.points(here.guess.xs[:, :3]), atol=1e-12)
+    np.testing.assert_allclose(displaced.guess.xs[:, 7:], here.guess.xs[:, 7:], atol=1e-12)
+    np.testing.assert_allclose(displaced.guess.us, here.guess.us, atol=1e-9)

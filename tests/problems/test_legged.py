@@ -110,7 +110,7 @@ def test_at_a_touchdown_the_reference_is_the_foothold_and_feet_stay_there() -> N
 def test_carrying_efforts_balance_gravity_with_forces_at_the_feet(flags: list[bool]) -> None:
     """Whatever forces of the feet one takes, J^T f + [0; u] = g has no better solution in the joints' rows."""
     robot, grid = solo12(), GaitSequence.stand(FEET, 0.1).grid(0.1)
-    effort = carrying_efforts(robot, replace(grid, flags=np.array([flags])))[0]
+    effort = carrying_efforts(robot, replace(grid, flags=np.array([flags])), robot.x_reference)[0]
     model, data = robot.model, robot.create_data()
     gravity = pin.rnea(model, data, robot.q_reference, np.zeros(robot.nv), np.zeros(robot.nv))
     down = [frame for frame, on in zip(robot.contact_ids, flags, strict=True) if on]

@@ -40,7 +40,7 @@ def scenario() -> Scenario:
 
 def test_soles_carry_the_weight_at_rest() -> None:
     robot = talos()
-    wrench, effort = carry(robot, BOTH[0], 6)
+    wrench, effort = carry(robot, robot.q_reference, BOTH[0], 6)
     weight = robot.mass * 9.81
     np.testing.assert_allclose(wrench[:, :3].sum(axis=0), [0.0, 0.0, weight], rtol=0, atol=1e-9 * weight)
     again = reactions(robot, Trajectory(np.tile(robot.x_reference, (2, 1)), effort[None]), np.ones(1), BOTH, 6)

@@ -45,7 +45,7 @@ FEET = {
 
 @dataclass(frozen=True)
 class Step:
-    """What a step took.
+    """Duration of a step.
 
     Attributes:
         libraries: built.

@@ -1,4 +1,4 @@
-"""How a robot walks on command: velocities, pushes, cost of transport, and the controller's timing.
+"""Quality of walking on command: velocities, pushes, cost of transport, and the controller's timing.
 
 Every figure is one of the library's (`metrics.walking` of run.json), measured in closed loop in MuJoCo from the exact
 state. A push acts for 0.2 s at the base's centre of mass, while the robot trots or while it stands and may step. For
@@ -50,7 +50,7 @@ class Motion:
 
     @property
     def reached_s(self) -> float:
-        """When the limited command (1 m/s2, 4 rad/s2) gets there, s."""
+        """Time at which the limited command (1 m/s2, 4 rad/s2) gets there, s."""
         return START_S + max(np.hypot(self.vx, self.vy), abs(self.yaw_rate) / 4.0)
 
     @property

@@ -1,4 +1,4 @@
-"""How fast the closed loop is: real-time factor, the share of each part, time to a first command.
+"""Speed of the closed loop: real-time factor, the share of each part, time to a first command.
 
 Runs the balance config in this process several times and prints medians with the machine and the versions beside them
 (the factor by the wall clock, and by processor time, which other processes on the machine disturb less);

@@ -43,7 +43,7 @@ Calls = dict[str, Callable[[], object]]
 
 @dataclass(frozen=True)
 class Figure:
-    """What one call took.
+    """Duration of one call.
 
     Attributes:
         problem: name and horizon.

@@ -1,4 +1,4 @@
-"""Which files of lgmpc a control tick passes through, from the state to the torque and around it.
+"""Files of lgmpc that a control tick passes through, from the state to the torque and around it.
 
 Runs a closed loop until it stands, then traces ticks: every file of which a function is called counts. A tick between
 two plans, a tick that plans, and of both the part that is the controller's.

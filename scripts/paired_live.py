@@ -1,4 +1,4 @@
-"""What a live page costs the control loop: durations of ticks with and without it, in turn.
+"""Cost of a live page for the control loop: durations of ticks with and without it, in turn.
 
 A walking Solo12 in real time, alternately with a headless Chromium that shows its page and without a viewer. A tick's
 duration is the processor time of the loop between two calls of its watcher: controller, plant, recorder, pictures and

@@ -1,4 +1,4 @@
-"""What every benchmark prints first, and what it writes with ``--json FILE``: figures, machine, versions, date."""
+"""Heading of every benchmark, and its record with ``--json FILE``: figures, machine, versions, date."""
 
 from __future__ import annotations
 

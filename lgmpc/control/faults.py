@@ -1,4 +1,4 @@
-"""What a robot does with a weak motor, or without one: the whole-body QP leaves it out, and the robot lies down."""
+"""Reaction to a weak or dead motor: the whole-body QP leaves it out, and the robot lies down."""
 
 import logging
 import math

@@ -51,7 +51,7 @@ OrderName = Literal["stop", "arm", "disarm", "lie"]
 
 @dataclass(frozen=True)
 class Order:
-    """What the person who watches the robot orders it to do.
+    """Orders of the person who watches the robot.
 
     Attributes:
         name: ``stop`` is the emergency stop, ``arm`` lets the robot stand and move, ``disarm`` damps the joints, and

@@ -16,7 +16,7 @@ from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Positive, Settings, Vector3, key
 
 if TYPE_CHECKING:
-    from lgmpc.robot.model import Robot
+    from lgmpc.robot.model import ModelSource, Robot
 
 Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
 """m."""
@@ -137,6 +137,20 @@ def place_shape(model: pin.Model, shape: Sphere | Box | Capsule) -> CollisionSha
     )
 
 
+_MESHES = coal.CachedMeshLoader(coal.NODE_TYPE.BV_OBBRSS)  # reads a file again only after it was changed
+
+
+def read_collision_geometry(model: pin.Model, source: "ModelSource") -> pin.GeometryModel:
+    """Return the collision geometry of a URDF; its meshes are read once a process.
+
+    Raises:
+        ValueError: a mesh cannot be read, or the geometry does not fit ``model``.
+    """
+    folders = [str(folder) for folder in source.package_dirs]
+    kind, meshes = pin.GeometryType.COLLISION, _MESHES
+    return pin.buildGeomFromUrdf(model, str(source.urdf), kind, package_dirs=folders, mesh_loader=meshes)
+
+
 def shape_of(part: pin.GeometryObject) -> CollisionShape:
     """Return the shape of an object of a geometry model: spheres and capsules as they are, all else enclosed.
 
@@ -159,10 +173,9 @@ def _is_moving_link(frame: pin.Frame) -> bool:
 
 def _shapes_of_urdf(robot: "Robot") -> Iterator[CollisionShape]:
     feet = {int(robot.model.frames[index].parentJoint) for index in robot.contact_ids}
-    urdf, folders = str(robot.source.urdf), [str(folder) for folder in robot.source.package_dirs]
     try:
         with native_stderr():  # the parser's messages are notes of the robot
-            geometry = pin.buildGeomFromUrdf(robot.model, urdf, pin.GeometryType.COLLISION, package_dirs=folders)
+            geometry = read_collision_geometry(robot.model, robot.source)
     except ValueError as error:
         reason = f"its collision geometry cannot be read ({' '.join(str(error).split())}): give collision_shapes"
         raise ModelError(robot.name, [reason]) from error

@@ -16,6 +16,7 @@ import pinocchio as pin
 from pydantic import Discriminator, Field, Tag
 
 from lgmpc.errors import InputError
+from lgmpc.robot.collision import read_collision_geometry
 from lgmpc.robot.feet import lever
 from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Finite, Settings, Vector3, key
@@ -331,11 +332,10 @@ def _apart(first: Array, second: Array) -> bool:
 
 def _clouds(model: pin.Model, files: "ModelSource", joints: set[int]) -> dict[int, Array]:
     """Return points on the surface of the collision geometry of bodies, in the axes of their joints, m."""
-    folders = [str(folder) for folder in files.package_dirs]
     try:
         with native_stderr():  # the model may lack joints of the file, but not its links
             urdf = pin.buildModelFromUrdf(str(files.urdf))
-            whole = pin.buildGeomFromUrdf(urdf, str(files.urdf), pin.GeometryType.COLLISION, package_dirs=folders)
+            whole = read_collision_geometry(urdf, files)
     except (ValueError, RuntimeError):
         return {}
     found: dict[int, list[Array]] = {}

@@ -30,6 +30,7 @@ from lgmpc.lie import quaternion
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.loop import Loop, Tick
+from lgmpc.timegrid import periods_in
 from lgmpc.typing import Array
 
 try:
@@ -128,9 +129,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         loaded = config if isinstance(config, Config) else load_config(config, list(overrides))
         changes = {"duration_s": episode_s, "after_fall_s": None, "changes": (), "pushes": loaded.pushes}
         self.config = loaded.replace(changes)
-        self._ticks = round(self.config.wbc.rate_hz / rate_hz)
-        if self._ticks < 1 or abs(self._ticks * rate_hz - self.config.wbc.rate_hz) > 1e-6 * rate_hz:
-            raise InputError("rate_hz", rate_hz, f"a rate that divides wbc.rate_hz = {self.config.wbc.rate_hz:g} Hz")
+        self._ticks = periods_in("rate_hz", rate_hz, "wbc.rate_hz", self.config.wbc.rate_hz)
         self._goal_range = np.array(goal, dtype=np.float64)
         if self._goal_range.shape != (2, 3) or not np.isfinite(self._goal_range).all():
             raise InputError("goal", goal, "[lowest, highest] of [ahead, left, yaw rate], finite")
@@ -189,7 +188,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         self._session, self._action = session, np.zeros(len(self.action_names))
         self._driven = _Driven(session, self._command(self._goal))
         session.controller.commands = self._driven
-        self._loop = Loop(session.plant, self._driven, session.pushes, session.rates, session.sensing, session.hardware)
+        self._loop = Loop(session.plant, self._driven, session.pushes, session.ticks, session.sensing, session.hardware)
         self._gaits = dict(session.controller.feet.gaits)
         self._clearance, self._changed_s = session.controller.feet.clearance, 0.0
         self._taken = 0

@@ -88,7 +88,7 @@ def part_shares(config_file: Path, overrides: list[str]) -> tuple[dict[str, floa
     started = time.perf_counter()
     session.run(lambda progress: None)
     elapsed = time.perf_counter() - started
-    return {**stopwatch.spent, "interpreter": elapsed - sum(stopwatch.spent.values())}, session.rates.ticks
+    return {**stopwatch.spent, "interpreter": elapsed - sum(stopwatch.spent.values())}, session.ticks.count
 
 
 def first_command_s(config_file: Path, cache: str) -> float:
@@ -120,7 +120,7 @@ def main() -> None:
         assert isinstance(session, ClosedLoopSession)
         begin = time.process_time()
         session.advance(lambda progress: None)
-        processor.append(session.rates.ticks * session.rates.period / (time.process_time() - begin))
+        processor.append(session.ticks.end / (time.process_time() - begin))
         metrics = session.run(lambda progress: None).metrics
         if metrics is not None and metrics.wbc_ms and metrics.mpc_ms:
             runs.append(metrics)

@@ -305,7 +305,7 @@ class Faulty:
         self.commands.append(command)
         planner, wbc = self.controller.planner, self.controller.wbc
         assert planner is not None
-        self.statuses.append((state.time, planner.status, wbc.status))
+        self.statuses.append((state.time, None if planner.plan is None else planner.plan.status, wbc.status))
         self.forces.append(wbc.forces.copy())
         return command
 

@@ -1,4 +1,4 @@
-"""The commands: their names, arguments and options. Examples are in :mod:`lgmpc.cli.help`."""
+"""The commands: their names, arguments and options. Examples are in ``examples.txt``."""
 
 from collections.abc import Callable
 from functools import cache
@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from lgmpc import __version__
-from lgmpc.cli import help, studies
+from lgmpc.cli import studies
 from lgmpc.cli.options import (
+    OVERVIEW,
     AsJson,
     ConfigFile,
     MoreOverrides,
@@ -22,6 +23,7 @@ from lgmpc.cli.options import (
     complete_config,
     complete_demo,
     complete_run,
+    examples,
     option,
 )
 from lgmpc.cli.screen import err, guarded, out as stdout, show_page
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="lgmpc",
-    help=help.OVERVIEW,
+    help=OVERVIEW,
     invoke_without_command=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
@@ -53,7 +55,7 @@ Secret = Annotated[
 
 def _command(function: Callable[..., int | None]) -> Callable[..., None]:
     """Add a command, with its examples; exceptions in it become messages and exit codes."""
-    return app.command(epilog=help.examples(function.__name__))(guarded(function))
+    return app.command(epilog=examples(function.__name__))(guarded(function))
 
 
 def _version(wanted: bool) -> None:

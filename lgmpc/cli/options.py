@@ -1,13 +1,25 @@
-"""Arguments and options that several commands have, and what the shell completes for them.
+"""Arguments and options that several commands have, what the shell completes for them, and the texts of the help.
 
 Where no name begins with what was typed, the shell completes file names, so these functions return no paths.
 """
 
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+_FOLDER = files("lgmpc.cli")
+OVERVIEW = _FOLDER.joinpath("overview.txt").read_text("utf-8")
+"""The first text of the help, of which a paragraph is one line: the terminal breaks it."""
+
+
+def examples(command: str) -> str:
+    """Return the text after the options of a command: one paragraph for each line, so that none are joined."""
+    texts = _FOLDER.joinpath("examples.txt").read_text("utf-8").split("\n\n")  # one for each command, its name first
+    paragraphs = {name: lines for name, *lines in map(str.splitlines, texts)}
+    return "\n\n".join(["[bold]Examples[/bold]", *(f"  {line}" for line in paragraphs[command])])
 
 
 def option(help: str, *names: str, metavar: str | None = None, complete: Callable[..., Any] | None = None) -> Any:

@@ -29,10 +29,11 @@ from lgmpc.runs import Recorder
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, Drives, Spent, StateLink
 from lgmpc.simulation.initial import initial_state
-from lgmpc.simulation.loop import Hardware, Rates, Sensing, TrueState
+from lgmpc.simulation.loop import Hardware, Sensing, TrueState, control_ticks
 from lgmpc.simulation.parameters import real_effort_limit
 from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import DepthScan, Sensors
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, standard_tasks
 from lgmpc.world import World, make_world
@@ -194,7 +195,7 @@ def _build_joint_faults(config: Config, robot: Robot) -> JointFaultMonitor | Non
 def build_recorder(
     config: Config,
     robot: Robot,
-    rates: Rates,
+    ticks: TimeGrid,
     *,
     effort_limit: Array,
     mass: float,
@@ -207,7 +208,7 @@ def build_recorder(
     Args:
         config: the closed loop.
         robot: its robot.
-        rates: of its ticks.
+        ticks: of the run.
         effort_limit: (nu,) torque limits of the joints, N.m.
         mass: of the recorded robot, kg.
         friction: coefficient of its floor.
@@ -237,8 +238,8 @@ def build_recorder(
         upright_axis=robot.upright_axis,
         world=world,
         hands=len(config.wbc.hands),
-        control_period_s=rates.period,
-        ticks=rates.ticks,
+        control_period_s=ticks.period,
+        ticks=ticks.count,
         mpc_nodes=0 if mpc is None else mpc.nodes,
         mpc_period_s=0.0 if mpc is None else 1.0 / mpc.rate_hz,
         mpc_updates=0 if mpc is None else int(config.duration_s * mpc.rate_hz) + 1,
@@ -257,15 +258,15 @@ def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session
     """
     session: ClosedLoopSession | None = None
     for begin_s, part in config.parts():
-        session = _build_session(config, part, notify, session, round(begin_s * config.wbc.rate_hz))
+        session = _build_session(config, part, notify, session, begin_s)
     assert session is not None
     return session
 
 
 def _build_session(
-    whole: Config, config: Config, notify: Notify, before: ClosedLoopSession | None, first: int
+    whole: Config, config: Config, notify: Notify, before: ClosedLoopSession | None, begin_s: float
 ) -> ClosedLoopSession:
-    """Return the session of a part of a run, which begins at tick ``first`` and continues another session."""
+    """Return the session of a part of a run, which begins at ``begin_s`` and continues another session."""
     notify("loading the robot")
     robot = build_robot(config)
     world = make_world(config.world, config.plant.friction, config.seed)
@@ -274,14 +275,14 @@ def _build_session(
     controller = build_controller(config, robot, notify, world, lambda: plant.sense().q[:7])
     initial = initial_state(robot, config.plant, world)
     estimator = build_estimator(config, robot, controller, initial[:7], notify)
-    rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s)
+    ticks = control_ticks(plant.dt, config.wbc.rate_hz, config.duration_s)
     recorder = (
         before.recorder
         if before
         else build_recorder(
             whole,
             robot,
-            rates,
+            ticks,
             effort_limit=real_effort_limit(robot, config.plant),
             mass=config.plant.mass_scale * robot.mass + config.plant.base_added_mass_kg,
             friction=config.plant.friction,
@@ -295,7 +296,7 @@ def _build_session(
         controller=controller,
         initial=initial,
         pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
-        rates=rates,
+        ticks=ticks,
         recorder=recorder,
         log_every=config.log_every,
         gate=config.gate,
@@ -305,7 +306,7 @@ def _build_session(
         sensing=_build_sensing(config, robot, estimator),
         hardware=_build_hardware(config, plant, controller, estimator),
         estimator=estimator,
-        earlier=(*before.earlier, (before, first)) if before else (),
+        earlier=(*before.earlier, (before, ticks.nearest(begin_s))) if before else (),
     )
 
 

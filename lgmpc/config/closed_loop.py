@@ -26,10 +26,11 @@ from lgmpc.runs.ground import ground_below, leg_length
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Hardware, Loop, Rates, Sensing, Tick, TrueState
+from lgmpc.simulation.loop import Hardware, Loop, Sensing, Tick, TrueState
 from lgmpc.simulation.parameters import PlantSettings, momentum_and_energy, real_effort_limit
 from lgmpc.simulation.plant import Plant
 from lgmpc.status import Status
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 from lgmpc.world import World
@@ -89,7 +90,7 @@ class ClosedLoopSession:
         controller: the controller.
         initial: (nq + nv,) initial state.
         pushes: the disturbances.
-        rates: rates of plant steps and control ticks.
+        ticks: control ticks.
         recorder: an empty recorder.
         log_every: control ticks per logged tick in the saved log.
         gate: the criteria of success.
@@ -109,7 +110,7 @@ class ClosedLoopSession:
     controller: LeggedController
     initial: Array
     pushes: PushSchedule
-    rates: Rates
+    ticks: TimeGrid
     recorder: Recorder
     log_every: int
     gate: Gate
@@ -128,7 +129,7 @@ class ClosedLoopSession:
 
     def __post_init__(self) -> None:
         self.plant.reset(self.initial)
-        self._loop = Loop(self.plant, self.controller, self.pushes, self.rates, self.sensing, self.hardware)
+        self._loop = Loop(self.plant, self.controller, self.pushes, self.ticks, self.sensing, self.hardware)
         if self.earlier:
             self.earlier[0][0]._loop.samples = []
 
@@ -151,7 +152,7 @@ class ClosedLoopSession:
         except KeyboardInterrupt:
             interrupted = True
         except (Exception, SystemExit) as error:
-            failure = failed(error, active._loop.index * self.rates.period)
+            failure = failed(error, active._loop.index * self.ticks.period)
         return active.result(interrupted=interrupted, failure=failure)
 
     def result(self, *, interrupted: bool, failure: str = "") -> SessionResult:
@@ -175,7 +176,7 @@ class ClosedLoopSession:
         observer = RunObserver(
             self.controller,
             self.recorder,
-            self.rates,
+            self.ticks,
             progress,
             # Runs are judged by the true state, not by the estimate.
             truth=None if self.sensing is None else WholeBodyTerms(self.robot),
@@ -224,7 +225,7 @@ class ClosedLoopSession:
             return None
         robot, balances = self.robot, None
         whole = bool((np.diff(finite.time) < 1.5 * finite.control_period_s).all())
-        if self.rates.substeps == 1 and whole:  # every step of the plant is in the log
+        if self.ticks.period == self.plant.dt and whole:  # every step of the plant is in the log
             edges = window_edges(finite)
             balances = Balances(edges, *momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges]))
         soft = self.world.soft
@@ -238,7 +239,7 @@ class RunObserver:
     Args:
         controller: whose reports are recorded.
         recorder: of the run.
-        rates: of its ticks.
+        ticks: of the run.
         progress: called periodically.
         truth: terms of the controller's model, for runs judged by a state that the controller does not receive.
         estimator: whose estimate is recorded beside the true state.
@@ -254,7 +255,7 @@ class RunObserver:
         self,
         controller: LeggedController,
         recorder: Recorder,
-        rates: Rates,
+        ticks: TimeGrid,
         progress: ProgressReport,
         *,
         truth: WholeBodyTerms | None = None,
@@ -270,8 +271,8 @@ class RunObserver:
         self._records_forecasts = "forecast_ms" in recorder.channels
         self._records_belief = "believed_ground" in recorder.channels
         self._progress = progress
-        self._duration = rates.ticks * rates.period
-        self._every, self._last = max(1, round(_REPORT_PERIOD / rates.period)), rates.ticks - 1
+        self._duration = ticks.end
+        self._every, self._last = max(1, ticks.nearest(_REPORT_PERIOD)), ticks.count - 1
         self._lowest = FALL_HEIGHT_FRACTION * float(controller.robot.q_reference[2])
         self._after_fall, self.fell_s = after_fall_s, fell_s
         self._world, self._upright = recorder.world, controller.robot.upright_axis

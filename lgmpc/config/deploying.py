@@ -34,8 +34,9 @@ from lgmpc.runs.folder import DEPLOYMENT_FILE
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, Spent, TimingSettings
 from lgmpc.simulation.initial import initial_state
-from lgmpc.simulation.loop import Disturbance, Hardware, Rates, Tick
+from lgmpc.simulation.loop import Disturbance, Hardware, Tick, control_ticks
 from lgmpc.simulation.plant import PlantSample, make_plant
+from lgmpc.timegrid import TimeGrid
 from lgmpc.world import make_world
 
 _LOG = logging.getLogger(__name__)
@@ -126,7 +127,7 @@ def serve_config(
     robot = build_robot(config)
     world = make_world(config.world, config.plant.friction, config.seed)
     plant = make_plant(robot, config.plant, world)
-    rates = Rates.of(plant.dt, config.wbc.rate_hz, config.duration_s + config.deployment.lie_down_s)
+    ticks = control_ticks(plant.dt, config.wbc.rate_hz, config.duration_s + config.deployment.lie_down_s)
     computing = Computing(TimingSettings(), np.random.default_rng(0))
     guard = CommandGuard(config.deployment.damping_nms, command_limits(robot.effort_limit))
     hardware = Hardware(build_drives(config, robot, plant), computing, lambda: Spent(0.0, False, False), guard)
@@ -136,9 +137,9 @@ def serve_config(
         if not end.wait_for_controller(wait_s):
             raise NoControllerError(f"no controller within {wait_s:g} s")
         plant.reset(initial_state(robot, config.plant, world))
-        pace: LockStep | RealTime = LockStep(end) if lock_step else RealTime(end, rates.period)
+        pace: LockStep | RealTime = LockStep(end) if lock_step else RealTime(end, ticks.period)
         pushes = PushSchedule(config.pushes, plant.dt, plant.bodies)
-        return serve(plant, build_sensors(config, robot), pushes, rates, pace, world, hardware)
+        return serve(plant, build_sensors(config, robot), pushes, ticks, pace, world, hardware)
 
 
 def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) -> "DeploymentSession":
@@ -150,17 +151,17 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
     _arrange_planning(config, controller)
     estimator = build_estimator(config, robot, controller, None, notify)
     assert estimator is not None
-    rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
+    ticks = control_ticks(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
     recorder = build_recorder(
         config,
         robot,
-        rates,
+        ticks,
         effort_limit=robot.effort_limit,
         mass=robot.mass,
         friction=config.wbc.friction,
         estimated=False,
     )
-    return DeploymentSession(config, controller, rates, recorder, estimator, driver)
+    return DeploymentSession(config, controller, ticks, recorder, estimator, driver)
 
 
 def _arrange_planning(config: Config, controller: LeggedController) -> None:
@@ -189,7 +190,7 @@ class DeploymentSession:
     Attributes:
         config: the closed loop.
         controller: the controller.
-        rates: of its ticks.
+        ticks: of the run.
         recorder: an empty recorder.
         legs: the estimator.
         driver: constructs the driver of the robot.
@@ -201,7 +202,7 @@ class DeploymentSession:
 
     config: Config
     controller: LeggedController
-    rates: Rates
+    ticks: TimeGrid
     recorder: Recorder
     legs: LeggedEstimator
     driver: Callable[[Robot], Driver]
@@ -218,7 +219,7 @@ class DeploymentSession:
     def run(self, progress: ProgressReport) -> SessionResult:
         """Run until the end of the config's duration, by the robot's clock."""
         # The estimate takes the place of the true state, and a fall does not end the run.
-        observer = RunObserver(self.controller, self.recorder, self.rates, progress, monitor=self.legs.monitor)
+        observer = RunObserver(self.controller, self.recorder, self.ticks, progress, monitor=self.legs.monitor)
         nothing = Disturbance(np.zeros(6), np.zeros(3))
 
         def record(tick: DeployedTick) -> None:
@@ -248,8 +249,7 @@ class DeploymentSession:
                 _Listening(driver) if self.dry_run else driver,
                 self.controller,
                 self.legs,
-                period_s=self.rates.period,
-                duration_s=self.rates.ticks * self.rates.period,
+                ticks=self.ticks,
                 settings=self.config.deployment,
                 after_command=plan,
                 on_tick=record,

@@ -45,8 +45,8 @@ def export_controller(run: str | Path, folder: Path) -> tuple[int, int]:
     with made_anew():
         session = prepare(config)
     assert isinstance(session, ClosedLoopSession)
-    first, end = session.earlier[0] if session.earlier else (session, session.rates.ticks)
-    end = min(end, round(_EXPORTED_S / first.rates.period))
+    first, end = session.earlier[0] if session.earlier else (session, session.ticks.count)
+    end = min(end, first.ticks.nearest(_EXPORTED_S))
     recorder, updates = TickRecorder(first.controller.wbc), _updates_of(first)
     first.advance(lambda _: None, end)
     repeated = first.recorder.log().decimated(config.log_every)

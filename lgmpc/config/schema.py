@@ -31,6 +31,7 @@ from lgmpc.simulation.drives import TimingSettings
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.sensors import SensorNoise
 from lgmpc.solvers import AnySolverSettings, FddpSettings
+from lgmpc.timegrid import periods_in
 from lgmpc.wbc import WholeBodySettings
 from lgmpc.world import FloorSettings, WorldSettings
 
@@ -185,7 +186,7 @@ class Config(Document):
     @property
     def log_every(self) -> int:
         """Number of control ticks per logged tick."""
-        return round(self.wbc.rate_hz / self.log.rate_hz)
+        return periods_in("log.rate_hz", self.log.rate_hz, "wbc.rate_hz", self.wbc.rate_hz)
 
     @model_validator(mode="after")
     def _rates_divide(self) -> "Config":
@@ -198,9 +199,10 @@ class Config(Document):
             pairs.append(("mpc.rate_hz", self.mpc.rate_hz, "wbc.rate_hz", self.wbc.rate_hz))
         found = []
         for name, slow, fast_key, fast in pairs:
-            ratio = fast / slow
-            if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-9 * ratio:
-                found.append(Problem(name, slow, f"{fast_key} ({fast:g}) divided by a whole number"))
+            try:
+                periods_in(name, slow, fast_key, fast)
+            except InputError as error:
+                found.append(Problem(name, slow, error.expected))
         if self.commands and not self.mpc.enabled:
             words = "true if there are commands: without a plan the robot only stands"
             found.append(Problem("mpc.enabled", False, words))

@@ -21,6 +21,7 @@ from lgmpc.locomotion.stepping import MappedBelief
 from lgmpc.locomotion.swing import HeadingTrajectory, SwingTrajectory
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import Contacts, Task
 
@@ -396,14 +397,13 @@ class Feet:
 
     def write_horizon(
         self,
-        time: float,
-        dt: float,
+        grid: TimeGrid,
         motion: BaseMotion,
         friction: float,
         horizon: ContactHorizon,
         clock: GaitClock | None = None,
     ) -> None:
-        """Write flags, contact points and friction of the intervals that begin at ``time``, each ``dt``, s.
+        """Write flags, contact points and friction of the intervals of a horizon.
 
         The schedule is that of the feet, or of another clock.
         """
@@ -416,25 +416,25 @@ class Feet:
         clock = self.clock if clock is None else clock
         flags = horizon.flags if single else np.empty((len(horizon.flags), feet.feet), dtype=np.bool_)
         centres = horizon.points if single else np.empty((*flags.shape, 3))
-        clock.horizon(time, dt, flags)
-        self.events.correct(flags, dt)
-        points = np.where((self.stance | self._fixed(time))[:, None], self.footholds, self._nominal)
+        clock.horizon(grid, flags)
+        self.events.correct(flags, grid)
+        points = np.where((self.stance | self._fixed(grid.start))[:, None], self.footholds, self._nominal)
         yaws = None if single else np.tile(self.yaws, (len(flags), 1))
-        self._planner.horizon(clock, motion, time, dt, points, centres, self.stance.tolist(), yaws)
+        self._planner.horizon(clock, motion, grid, points, centres, self.stance.tolist(), yaws)
         if yaws is not None:
             horizon.flags[...], horizon.points[...] = flags[:, feet.of], feet.place(centres, yaws, self.ground.normal)
         if self.mapped is not None:
             stance_s = clock.gait.stance_s
-            self.mapped.spread(self._planner, motion, dt, stance_s, points, centres, horizon.normals)
+            self.mapped.spread(self._planner, motion, grid, stance_s, points, centres, horizon.normals)
         horizon.friction[:] = friction
 
-    def write_leg_momentum(self, time: float, dt: float, motion: MotionReference, contacts: ContactHorizon) -> None:
+    def write_leg_momentum(self, grid: TimeGrid, motion: MotionReference, contacts: ContactHorizon) -> None:
         """Write the angular momentum of the legs' motion along the contacts of a horizon, if feet are soles."""
         if self._inertias is None:
             return
         centres, yaw = contacts.points[:, self.points.starts], float(self.yaws.mean())
         given = self._inertias, yaw, self.clock, self._swings, centres, self.ground.normal
-        motion.legs = None if self.standing else leg_momentum(*given, motion.com_velocity, time, dt)
+        motion.legs = None if self.standing else leg_momentum(*given, motion.com_velocity, grid)
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""

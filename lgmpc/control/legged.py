@@ -382,11 +382,11 @@ class LeggedController:
             self._desired.write_rise(self._tasks, self._rise_motion, self._leg_retraction)
 
     def _write_horizon(self, time: float, planner: Planner) -> None:
-        settings = planner.mpc.settings
-        self.feet.write_horizon(time, settings.node_s, self._motion, self._friction(planner), planner.contacts)
-        self._desired.write_horizon(planner.motion, time, settings.node_s, self.feet.ground)
+        grid = planner.horizon.begun_at(time)
+        self.feet.write_horizon(grid, self._motion, self._friction(planner), planner.contacts)
+        self._desired.write_horizon(planner.motion, grid, self.feet.ground)
         planner.motion.catching = self.push_steps.active
-        self.feet.write_leg_momentum(time, settings.node_s, planner.motion, planner.contacts)
+        self.feet.write_leg_momentum(grid, planner.motion, planner.contacts)
 
     def _friction(self, planner: Planner) -> float:
         """Friction coefficient to rely on over the horizon."""

@@ -10,6 +10,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import attitude, quaternion, so3
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import place_feet
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import WholeBodyTerms
 
@@ -125,7 +126,7 @@ class Maneuver:
             momenta[k] = terms.momentum
         lengths = np.diff(times)
         intervals = np.flatnonzero(lengths > 0.0)
-        rows = period * np.arange(1 + math.floor(times[-1] / period + 1e-9))
+        rows = TimeGrid(period, TimeGrid(period).interval(times[-1])).nodes
         of = intervals[np.searchsorted(times[intervals], rows + 1e-9, side="right") - 1]
         shares = np.clip((rows - times[of]) / lengths[of], 0.0, 1.0)
         sampled_q = np.array([pin.interpolate(robot.model, q[k], q[k + 1], s) for k, s in zip(of, shares, strict=True)])

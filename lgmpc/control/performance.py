@@ -28,6 +28,7 @@ from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.robot import Robot
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc import WholeBodyController
 
@@ -142,11 +143,11 @@ class Performance:
         for task, weight, kp, kd in self._before:
             task.weight[:], task.kp[:], task.kd[:] = weight, kp, kd
 
-    def write_horizon(self, node_s: float, friction: float, motion: MotionReference, contacts: ContactHorizon) -> None:
+    def write_horizon(self, grid: TimeGrid, friction: float, motion: MotionReference, contacts: ContactHorizon) -> None:
         """Write the planned motion and contacts over the MPC's horizon, which begins at this tick."""
-        plan, last = self.plan, len(self.plan.q) - 1
-        nodes = np.minimum(self._row + np.rint(node_s / plan.period * np.arange(len(motion.com))).astype(int), last)
-        middles = np.minimum(nodes[:-1] + round(0.5 * node_s / plan.period), last)
+        plan, rows, last = self.plan, TimeGrid(self.plan.period), len(self.plan.q) - 1
+        nodes = np.minimum([self._row + rows.nearest(each) for each in grid.elapsed.tolist()], last)
+        middles = np.minimum(nodes[:-1] + rows.nearest(0.5 * grid.period), last)
         motion.com[:] = plan.com[nodes] + self._shift
         motion.com_velocity[:] = plan.momentum[nodes, :3] / self._robot.mass
         motion.q[:] = plan.q[nodes]
@@ -319,9 +320,8 @@ class Performer:
             return 0.0
         planned = planner.due(time) or present.landed
         if planned:
-            settings = planner.mpc.settings
-            friction = min(settings.friction, float(wbc.contacts.friction[0]))
-            present.write_horizon(settings.node_s, friction, planner.motion, planner.contacts)
+            friction = min(planner.mpc.settings.friction, float(wbc.contacts.friction[0]))
+            present.write_horizon(planner.horizon, friction, planner.motion, planner.contacts)
             planner.plan_from(time, wbc.terms)
         if feet.stance.any():
             planner.follow(time, self._tasks, wbc.contacts)

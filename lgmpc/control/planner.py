@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from lgmpc.control.reference import MotionTasks
-from lgmpc.errors import InputError
 from lgmpc.estimation import SteadyForce, WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import MeasuredState, MotionSample, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
+from lgmpc.mpc import MeasuredState, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
 from lgmpc.robot import Robot
+from lgmpc.timegrid import TimeGrid, periods_in
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.wbc import Contacts, WholeBodyTerms
 
@@ -40,12 +40,13 @@ class Planner:
         mpc: as given.
         observer: estimates the external wrench.
         load: the part of the wrench's horizontal force that lasts.
+        horizon: intervals of the horizon, from 0.
         contacts: over the horizon, to be written before :meth:`plan_from`.
         motion: desired motion over the horizon, to be written before :meth:`plan_from`.
         deferred: whether plans are left to :meth:`finish`, after the tick's command has been sent; but the first one.
 
     Raises:
-        InputError: the MPC's rate is above that of the ticks.
+        InputError: the MPC's rate does not divide that of the ticks.
     """
 
     def __init__(self, robot: Robot, mpc: Mpc, period: float, delay: float = 0.0) -> None:
@@ -62,13 +63,9 @@ class Planner:
         self.load = SteadyForce(1.0 / settings.rate_hz, _LEAST_LOAD * weight)
         self.deferred, self._asked = False, math.nan
         self._expired = False
-        self._every = round(1.0 / (period * settings.rate_hz))
-        if self._every < 1:
-            raise InputError("mpc.rate_hz", settings.rate_hz, f"at most the ticks' {1.0 / period:g} Hz")
-        self._period = period
-        self._sampler = PlanSampler(period, self._every)
-        node_times = settings.node_s * np.arange(settings.nodes)
-        self._fading = np.exp(-node_times / settings.wrench_decay_s)[:, None]
+        ticks = TimeGrid(period, periods_in("mpc.rate_hz", settings.rate_hz, "wbc.rate_hz", 1.0 / period))
+        self._sampler, self.horizon = PlanSampler(ticks, robot.nc), settings.horizon
+        self._fading = np.exp(-self.horizon.elapsed[:-1] / settings.wrench_decay_s)[:, None]
         self.contacts = ContactHorizon.allocate(settings.nodes, robot.nc)
         self.motion = MotionReference.standing(robot, settings.nodes, np.zeros(3))
 
@@ -76,11 +73,6 @@ class Planner:
     def plan(self) -> Plan | None:
         """The last plan, None before the first update."""
         return self._sampler.plan
-
-    @property
-    def status(self) -> MpcStatus | None:
-        """Status of the last plan, None before the first update."""
-        return None if self.plan is None else self.plan.status
 
     def reset(self) -> None:
         """Start afresh."""
@@ -91,8 +83,8 @@ class Planner:
 
     def due(self, time: float) -> bool:
         """Return whether the MPC should plan at ``time``."""
-        sampler = self._sampler
-        return sampler.plan is None or self._expired or time - sampler.start > (self._every - 0.5) * self._period
+        ticks = self._sampler.ticks
+        return self.plan is None or self._expired or ticks.nearest(time) >= ticks.count
 
     def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
         """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan that is followed."""
@@ -115,7 +107,7 @@ class Planner:
         return True
 
     def _make(self, time: float, terms: WholeBodyTerms) -> Plan:
-        plan = self.forecast(self.state(time, terms), self.contacts, self.motion, self.wrench)
+        plan = self.mpc.update(self.state(time, terms), self.contacts, self.motion, self.wrench)
         self._sampler.load(plan, time)
         self.load.update(self.observer.wrench)
         return plan
@@ -135,10 +127,6 @@ class Planner:
         predicted *= self.contacts.flags.any(axis=1, keepdims=True)
         return predicted
 
-    def forecast(self, state: MeasuredState, contacts: ContactHorizon, motion: MotionReference, wrench: Array) -> Plan:
-        """Return the plan from a state with given contacts, motion and external wrench (N, 6); it is not followed."""
-        return self.mpc.update(state, contacts, motion, wrench)
-
     def expire(self) -> None:
         """Make the next plan due at the next tick: the present one is based on other contacts."""
         self._expired = True
@@ -148,11 +136,10 @@ class Planner:
         sampler = self._sampler
         if sampler.plan is None or sampler.plan.status is MpcStatus.STALE:
             return False
-        row, motion, posture = sampler.row(time), sampler.motion, sampler.posture
-        assert motion is not None
-        tasks.com.targets_together[...] = sampler.com[row]
-        tasks.angular_momentum.targets_together[...] = sampler.angular_momentum[row]
-        contacts.target_forces[...] = motion.forces[row]
+        row, samples, posture = sampler.row(time), sampler.samples, sampler.posture
+        tasks.com.targets_together[...] = samples.com[row]
+        tasks.angular_momentum.targets_together[...] = samples.angular_momentum[row]
+        contacts.target_forces[...] = samples.motion.forces[row]
         if posture is not None:
             joints = tasks.posture.target
             joints.position[:] = posture.position[row]
@@ -188,41 +175,30 @@ class PlanSampler:
     All ticks until the next plan are sampled at once; a time between ticks reads the nearest one.
 
     Args:
-        period: of the ticks, s.
-        ticks: sampled in one call; the number of ticks between two plans.
+        ticks: between two plans, which are sampled in one call.
+        contacts: number of contact points.
 
     Attributes:
         plan: the latest plan, None before the first.
-        start: time of the first row, s.
-        motion: samples of its motion, a row a tick.
-        com: of these, centre of mass, its velocity and acceleration in one row.
-        angular_momentum: of these, angular momentum and its rate in one row.
+        ticks: from the time of the first row on.
+        samples: of its motion, a row a tick.
         posture: samples of its posture, None where the plan has none.
     """
 
-    def __init__(self, period: float, ticks: int) -> None:
-        self._period = period
-        self._offsets: Array = period * np.arange(ticks, dtype=np.float64)
-        self.start = 0.0
+    def __init__(self, ticks: TimeGrid, contacts: int) -> None:
+        self.ticks, self.samples = ticks, MotionSampler(ticks.count, contacts)
         self.plan: Plan | None = None
-        self.motion: MotionSample | None = None
         self.posture: PostureSample | None = None
-        self._sampler: MotionSampler | None = None
-        self.com: Array = np.zeros((0, 9))
-        self.angular_momentum: Array = np.zeros((0, 6))
 
     def clear(self) -> None:
         """Forget the plan."""
-        self.plan = self.motion = self.posture = None
+        self.plan = self.posture = None
 
     def load(self, plan: Plan, time: float) -> None:
         """Sample ``plan`` from ``time`` (s) on."""
-        self.plan, self.start = plan, time
-        times = time + self._offsets
-        if self._sampler is None:
-            self._sampler = MotionSampler(len(times), plan.forces.shape[1])
-        self.motion = self._sampler.sample(plan, times)
-        self.com, self.angular_momentum = self._sampler.com, self._sampler.angular_momentum
+        self.plan, self.ticks = plan, self.ticks.begun_at(time)
+        times = self.ticks.nodes[:-1]
+        self.samples.sample(plan, times)
         self.posture = None if plan.posture is None else plan.posture.sample_at(times)
 
     def row(self, time: float) -> int:
@@ -233,8 +209,8 @@ class PlanSampler:
         """
         if self.plan is None:
             raise ValueError("no plan was loaded")
-        row = round((time - self.start) / self._period)
-        if not 0 <= row < len(self._offsets):
+        row = self.ticks.nearest(time)
+        if not 0 <= row < self.ticks.count:
             self.load(self.plan, time)
             return 0
         return row

@@ -18,6 +18,7 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.locomotion.reaction import StepReaction, StepReactionSettings, StepSchedule, forecast_cost, least
 from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.mpc import MeasuredState
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyTerms
 
@@ -150,12 +151,12 @@ class PushSteps:
         pushed = self._pushed
         schedule = self._schedules[len(self.costs)]
         if self._updates == 0:
-            self._write_horizon(schedule, pushed, planner.mpc.settings.node_s)
+            self._write_horizon(schedule, pushed, planner.horizon)
         given = pushed.state, pushed.contacts, pushed.desired, pushed.wrench
         mpc, kept = planner.mpc, planner.mpc.state()
         if self._guess is not None:
             mpc.set_state(self._guess)
-        plan = planner.forecast(*given)
+        plan = mpc.update(*given)
         self._guess = mpc.state()
         mpc.set_state(kept)
         self._updates += 1
@@ -200,8 +201,8 @@ class PushSteps:
         self._displaced_since = math.inf
         return feet.step_in_place(time)
 
-    def _write_horizon(self, schedule: StepSchedule, pushed: _Pushed, node_s: float) -> None:
+    def _write_horizon(self, schedule: StepSchedule, pushed: _Pushed, horizon: TimeGrid) -> None:
         """Write the contacts that a schedule would lead to."""
         time, clock = pushed.state.time, self._feet.clock.copy()
         clock.start(time, schedule.gait, first=schedule.first)
-        self._feet.write_horizon(time, node_s, pushed.motion, pushed.friction, pushed.contacts, clock)
+        self._feet.write_horizon(horizon.begun_at(time), pushed.motion, pushed.friction, pushed.contacts, clock)

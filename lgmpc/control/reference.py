@@ -18,6 +18,7 @@ from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Positive, Settings, key
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 from lgmpc.wbc import Task, WholeBodyTerms
 
@@ -207,12 +208,11 @@ class DesiredMotion:
         origin.position[:], origin.velocity[:] = self.base_target[:3], rise.velocity
         joints.position[:] += rise.lying * (retraction.lying - joints.position)
 
-    def write_horizon(self, motion: MotionReference, time: float, node_s: float, ground: TerrainBelief) -> None:
+    def write_horizon(self, motion: MotionReference, grid: TimeGrid, ground: TerrainBelief) -> None:
         """Write the desired motion at the nodes of a horizon that begins now."""
         self._planned = motion
-        self.builder.write(motion, self.command, node_s, ground, self._limiter.ramp)
+        self.builder.write(motion, self.command, grid, ground, self._limiter.ramp)
         if self._offset is not None:
-            times = time + node_s * np.arange(len(motion.com), dtype=np.float64)
-            offset, velocity, _ = self._offset.sample(times)
+            offset, velocity, _ = self._offset.sample(grid.nodes)
             motion.com += offset
             motion.com_velocity += velocity

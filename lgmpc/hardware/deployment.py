@@ -18,6 +18,7 @@ from lgmpc.control import interface
 from lgmpc.errors import cause_of
 from lgmpc.hardware.realtime import real_time
 from lgmpc.hardware.safety import DeploymentSettings, JointLimits, Operator, Safety
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import IntArray
 
 _LOG = logging.getLogger(__name__)
@@ -131,15 +132,14 @@ def deploy(
     controller: interface.Controller,
     estimator: interface.Estimator,
     *,
-    period_s: float,
-    duration_s: float,
+    ticks: TimeGrid,
     settings: DeploymentSettings | None = None,
     after_command: Callable[[], None] = lambda: None,
     on_tick: Callable[[DeployedTick], None] = lambda tick: None,
     limits: JointLimits | None = None,
     operator: Operator | None = None,
 ) -> Deployment:
-    """Run ``controller`` on a robot until ``duration_s`` of the robot's clock has passed.
+    """Run ``controller`` on a robot until ``ticks`` are over by the robot's clock.
 
     The joints are damped at the end, also after Ctrl-C or an exception. Times that estimator and controller receive are
     counted from the first measurement. Garbage collection is disabled during the run.
@@ -148,8 +148,7 @@ def deploy(
         driver: driver of the robot; closed at the end.
         controller: computes a command for every measurement.
         estimator: estimator of the state.
-        period_s: period of the measurements, s.
-        duration_s: duration of the run, s.
+        ticks: of the measurements.
         settings: see :class:`DeploymentSettings`.
         after_command: called after each command has been written, to compute what only the next one needs.
         on_tick: called after that; it may raise KeyboardInterrupt to end the run.
@@ -162,11 +161,11 @@ def deploy(
     """
     settings = DeploymentSettings() if settings is None else settings
     operator = Operator() if operator is None else operator
-    loop = _Loop(driver, controller, estimator, period_s, settings, after_command, on_tick, limits, operator)
+    loop = _Loop(driver, controller, estimator, ticks.period, settings, after_command, on_tick, limits, operator)
     failure = ""
     try:
         with real_time(settings.priority, settings.cores):
-            ending = loop.run(duration_s)
+            ending = loop.run(ticks.end)
     except KeyboardInterrupt:
         ending = StopReason.INTERRUPTED
     except _Stop as stop:

@@ -15,9 +15,10 @@ import numpy as np
 from lgmpc.control.interface import Command, Measurement, RobotState
 from lgmpc.errors import Interrupted, LgmpcError
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Hardware, Rates, Sensing, Tick, simulate
+from lgmpc.simulation.loop import Hardware, Loop, Sensing, Tick
 from lgmpc.simulation.plant import Plant
 from lgmpc.simulation.sensors import Sensors
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 from lgmpc.world import Terrain
 
@@ -220,7 +221,7 @@ def serve(
     plant: Plant,
     sensors: Sensors,
     pushes: PushSchedule,
-    rates: Rates,
+    ticks: TimeGrid,
     pace: LockStep | RealTime,
     ground: Terrain,
     hardware: Hardware | None = None,
@@ -232,7 +233,7 @@ def serve(
         plant: plant, reset to the initial state.
         sensors: sensors of the robot.
         pushes: disturbances.
-        rates: rates of plant and link.
+        ticks: at which they exchange.
         pace: timing of the exchange with the controller.
         ground: of the plant's world.
         hardware: drives and delays that commands pass through besides the link; none unless given.
@@ -248,7 +249,7 @@ def serve(
 
     ending = "the duration is over"
     try:
-        simulate(plant, _Answered(sent, pace), pushes, rates, record, Sensing(sensors, sent), hardware)
+        Loop(plant, _Answered(sent, pace), pushes, ticks, Sensing(sensors, sent), hardware).run(record)
     except NoControllerError as error:
         if not states:
             raise

@@ -12,7 +12,7 @@ from lgmpc.live.session import EXTRAS, PICTURE_S
 from lgmpc.live.wishes import Started
 from lgmpc.robot import Robot
 from lgmpc.runs import RunLog
-from lgmpc.simulation.loop import Rates
+from lgmpc.simulation.loop import control_ticks
 from lgmpc.typing import Array
 from lgmpc.world import World, make_world
 
@@ -36,9 +36,9 @@ class History:
         config = started.config
         # What is at the end of a link knows of no simulated world.
         self.world = World() if started.deployed else make_world(config.world, config.plant.friction, config.seed)
-        rates = Rates.of(1.0 / config.plant.rate_hz, config.wbc.rate_hz, 2.0 / config.wbc.rate_hz)
+        ticks = control_ticks(1.0 / config.plant.rate_hz, config.wbc.rate_hz, 2.0 / config.wbc.rate_hz)
         self._recorder = build_recorder(
-            config, robot, rates, effort_limit=robot.effort_limit, mass=robot.mass, friction=config.plant.friction,
+            config, robot, ticks, effort_limit=robot.effort_limit, mass=robot.mass, friction=config.plant.friction,
             estimated=not (started.deployed or isinstance(config.estimator, GroundTruth)), world=self.world,
         )  # fmt: skip
         self._sizes = [part.size for part in self._recorder.rows]

@@ -354,7 +354,7 @@ class LiveRun(ShownRun):
 
     def _remember(self, wish: Tune) -> None:
         """Keep a change of a setting for the saved config."""
-        at, values = max(self._time, self._session.rates.period), {wish.key: wish.value}
+        at, values = max(self._time, self._session.ticks.period), {wish.key: wish.value}
         if self._changes and at - self._changes[-1].at_s < _SAME_CHANGE_S:
             last = self._changes.pop()
             at, values = last.at_s, {**last.set, **values}
@@ -365,7 +365,7 @@ class LiveRun(ShownRun):
         session = self._session
         if session.recorder.ticks == 0:
             return
-        period = session.rates.period
+        period = session.ticks.period
         end = (session.recorder.ticks + 1) * period
         changes = tuple(each for each in self._changes if each.at_s < end - period)
         commands = tuple(self._commands.entries) if self._config.mpc.enabled else ()

@@ -9,6 +9,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.locomotion.gait import Gait
 from lgmpc.settings import NonNegative, Settings, key
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import BoolArray
 
 _SLACK = 1e-9  # s
@@ -291,19 +292,12 @@ class GaitClock:
         """Return (nc,) which feet are scheduled to be on the ground at time ``t``."""
         return np.array([self.swing(foot, t) is None for foot in range(self.nc)])
 
-    def horizon(self, t: float, dt: float, flags: BoolArray) -> None:
-        """Write which feet are scheduled to be on the ground at the beginning of each interval of a horizon.
-
-        Args:
-            t: beginning of the first interval, s.
-            dt: duration of the intervals, s.
-            flags: (N, nc), overwritten.
-        """
+    def horizon(self, grid: TimeGrid, flags: BoolArray) -> None:
+        """Write flags (N, nc): which feet are scheduled to be on the ground at the beginning of each interval."""
         flags[:] = True
         for foot in range(self.nc):
-            for swing in self.swings(foot, t, t + dt * len(flags)):
-                begin = math.ceil((swing.liftoff - t) / dt - _SLACK)
-                flags[max(begin, 0) : max(math.ceil((swing.touchdown - t) / dt - _SLACK), 0), foot] = False
+            for swing in self.swings(foot, grid.start, grid.end):
+                flags[grid.first_from(swing.liftoff) : grid.first_from(swing.touchdown), foot] = False
 
     def last_touchdown(self, foot: int, t: float) -> float:
         """Return when the present stance of a foot began, s; -inf if it always stood."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import GRAVITY, BoolArray
 
 _SAME_TIME = 1e-9  # s
@@ -221,8 +222,8 @@ class ContactEvents:
             carries and touching and begin < since and changed < counts for carries, touching, begin, changed in feet
         ]
 
-    def correct(self, flags: BoolArray, dt: float) -> None:
-        """Overwrite the beginning of a horizon's flags (N, nc), intervals of ``dt``, s, with the actual contacts.
+    def correct(self, flags: BoolArray, grid: TimeGrid) -> None:
+        """Overwrite the beginning of a horizon's flags (N, nc) with the actual contacts.
 
         The first interval takes :attr:`stance`; a foot that searches for the ground is expected to find it after
         the lookahead.
@@ -230,7 +231,7 @@ class ContactEvents:
         flags[0] = self.stance
         for foot in range(self.clock.nc):
             if self.searching(foot):
-                flags[: 1 + int(self._expected(foot, self.clock.time) / dt), foot] = False
+                flags[: 1 + grid.interval(grid.start + self._expected(foot, self.clock.time)), foot] = False
 
     def loading(self, t: float) -> list[float]:
         """Return (nc,) the shares of their largest forces that feet may carry: ramps at touchdown, before lift-off."""

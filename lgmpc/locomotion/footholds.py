@@ -33,6 +33,7 @@ from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.settings import Fraction, NonNegative, Settings, key
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world import Plane
 
@@ -347,8 +348,7 @@ class FootholdPlanner:
         self,
         clock: GaitClock,
         motion: BaseMotion,
-        t: float,
-        dt: float,
+        grid: TimeGrid,
         contacts: Array,
         points: Array,
         stance: Sequence[bool] | None = None,
@@ -359,25 +359,23 @@ class FootholdPlanner:
         Args:
             clock: the schedule.
             motion: present motion.
-            t: beginning of the first interval, s.
-            dt: duration of the intervals, s.
+            grid: intervals of the horizon.
             contacts: (nc, 3) contact points of the feet that stand, targets of those that swing, world, m.
             points: (N, nc, 3), overwritten.
             stance: (nc,) feet that stand; those that lift off now then have their next foothold here, not among
                 ``contacts``. Those that the clock has on the ground unless given.
             yaws: (N, nc) headings of the feet there, overwritten from their next lift-off on, rad.
         """
-        count = len(points)
-        points[:] = contacts
+        points[:], t = contacts, grid.start
         for foot in range(clock.nc):
-            for swing in clock.swings(foot, t, t + count * dt):
+            for swing in clock.swings(foot, t, grid.end):
                 lifts_now = swing.liftoff <= t
                 if lifts_now and (stance is None or not stance[foot]):
                     continue
                 place = self.place if lifts_now else self.place_later
                 duration = clock.stance_duration(foot, swing.liftoff)
                 x, y = place(foot, motion, swing.touchdown - t, duration, width=clock.gait.width)
-                begin = max(math.ceil((swing.liftoff - t) / dt - 1e-9), 0)
+                begin = grid.first_from(swing.liftoff)
                 points[begin:, foot, 0] = x
                 points[begin:, foot, 1] = y
                 points[begin:, foot, 2] = self.ground.height_at(x, y)

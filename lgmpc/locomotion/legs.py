@@ -12,6 +12,7 @@ from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot, leg_chain, leg_joints, leg_normals
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 
 _SWEEPS = 20
@@ -123,8 +124,7 @@ def leg_momentum(
     places: Array,
     normal: Array,
     com_velocity: Array,
-    time: float,
-    dt: float,
+    grid: TimeGrid,
 ) -> Array:
     """Return (N+1, 3) angular momentum that legs have by the motion of their soles over a horizon, world axes, N.m.s.
 
@@ -138,10 +138,9 @@ def leg_momentum(
         places: (N, nf, 3) where each foot stands or will touch down next in each interval, m.
         normal: (3,) of the ground, along which their motion is left out.
         com_velocity: (N+1, 3) of the centre of mass at the nodes, m/s.
-        time: of the first node, s.
-        dt: duration of the intervals, s.
+        grid: intervals of the horizon.
     """
-    times, (count, feet, _) = time + dt * np.arange(len(com_velocity)), places.shape
+    time, times, feet = grid.start, grid.nodes, places.shape[1]
     moving, (position, acceleration) = np.zeros((len(times), feet, 3)), np.zeros((2, 3))
     for foot, path in enumerate(swings):
         for swing in clock.swings(foot, time, float(times[-1])):
@@ -149,8 +148,8 @@ def leg_momentum(
                 for k in np.flatnonzero(times < path.touchdown).tolist():
                     path.sample(times[k], position, moving[k, foot], acceleration)
                 continue
-            begin, duration = max(math.ceil((swing.liftoff - time) / dt - 1e-9), 1), swing.touchdown - swing.liftoff
-            if begin < count:
+            begin, duration = max(grid.first_from(swing.liftoff), 1), swing.touchdown - swing.liftoff
+            if begin < grid.count:
                 s = np.clip((times - swing.liftoff) / duration, 0.0, 1.0)[:, None]
                 step = (places[begin, foot] - places[begin - 1, foot]) / duration
                 moving[:, foot] += 30.0 * (s * (1.0 - s)) ** 2 * step

@@ -16,6 +16,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.settings import Positive, Settings, key
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 
 _LEAD_SHARE = 0.1
@@ -176,7 +177,7 @@ class ReferenceBuilder:
         self,
         reference: MotionReference,
         command: MotionCommand,
-        dt: float,
+        grid: TimeGrid,
         ground: TerrainBelief,
         ramp: Ramp | None = None,
     ) -> None:
@@ -185,13 +186,13 @@ class ReferenceBuilder:
         Args:
             reference: overwritten.
             command: limited command.
-            dt: duration of the intervals, s.
+            grid: its intervals.
             ground: the surface to stand on, parallel to it.
             ramp: how the velocity changes from now on; None for a constant one.
         """
         if reference is not self._bound:
             self._bind(reference)
-        np.multiply(dt, self._intervals, out=self._times[:, 0])
+        self._times[:, 0] = grid.elapsed
         if ramp is None:
             ramp = _CONSTANT
         tilt = _pitch_roll(*self._along(ground, command))
@@ -205,8 +206,7 @@ class ReferenceBuilder:
     def _bind(self, reference: MotionReference) -> None:
         """Make the call that writes to these buffers."""
         nodes = len(reference.com)
-        self._bound, self._intervals = reference, np.arange(nodes, dtype=np.float64)
-        self._times = np.zeros((nodes, 1))
+        self._bound, self._times = reference, np.zeros((nodes, 1))
         self._run = _motion_kernel(len(self._joints)).bind(
             nodes, time=self._times, now=self._now, joints=self._joints, com=reference.com,
             com_velocity=reference.com_velocity, q=reference.q, angular_velocity=reference.angular_velocity,

@@ -21,6 +21,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.maps import ElevationMap
 from lgmpc.locomotion.terrain import TerrainBelief, TerrainBeliefSettings
 from lgmpc.robot.feet import UP
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
 _PATCH_SHARE, _PATCH_CELLS = 0.36, 11  # radius in leg lengths; points along it
@@ -198,7 +199,7 @@ class MappedBelief(TerrainBelief):
         return kept.place.tolist()
 
     def spread(
-        self, planner: FootholdPlanner, motion: BaseMotion, dt: float, stance_s: float, now: Array, points: Array,
+        self, planner: FootholdPlanner, motion: BaseMotion, grid: TimeGrid, stance_s: float, now: Array, points: Array,
         normals: Array,
     ) -> None:  # fmt: skip
         """Put the later footholds of a horizon on the map.
@@ -206,7 +207,7 @@ class MappedBelief(TerrainBelief):
         Args:
             planner: of nominal footholds.
             motion: of the robot.
-            dt: duration of the intervals, s.
+            grid: intervals of the horizon.
             stance_s: duration of stances, s.
             now: (nc, 3) present contact points, and targets of the present swings.
             points: (N, nc, 3) contact points, overwritten where they differ from ``now``.
@@ -225,7 +226,7 @@ class MappedBelief(TerrainBelief):
             if not self._later.get(key, _NONE).serves(self._time, at, _MOVED[1] * self.cell)
         ]
         if due:
-            remaining = np.multiply(dt, rows[due], dtype=np.float64)
+            remaining = grid.elapsed[rows[due]]
             places, found = self.choose(planner, motion, feet[due].tolist(), nominal[due], remaining, stance_s)
             for i, place, normal in zip(due, places, found, strict=True):
                 self._later[keys[i]] = _Choice(self._time, nominal[i].tolist(), place, normal)

@@ -101,7 +101,7 @@ class CentroidalMpc(SqpMpc):
         self._wrench = view("external_wrench")
         self._x_reference = view("x_reference")
         self._com_weight = view("x_weight")[:, :3]
-        self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.node_s)
+        self._reference = CentroidalReference(self._x_reference, mass, s.uprighting_rate_hz, s.horizon)
         self._u_reference = view("u_reference").reshape(s.nodes + 1, contacts, 3)
         self._compiled = CompiledUpdate.of(self)
 

@@ -54,7 +54,7 @@ class ProcessMpc:
 
     def __init__(self, make: Callable[[], Mpc], settings: MpcSettings) -> None:
         self.settings, self.failures, self.restarts, self._make = settings, 0, 0, make
-        self._stale = 0.5 * settings.nodes * settings.node_s
+        self._stale = 0.5 * settings.horizon.end
         self._plan: Plan | None = None
         self._asked = False
         self._number = 0  # of resets: plans from before the last one are of no use

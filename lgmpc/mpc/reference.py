@@ -7,6 +7,7 @@ from lgmpc.compile import StageKernel
 from lgmpc.lie.symbolic import quaternion, so3
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.mpc.interface import MeasuredState
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 
 
@@ -20,17 +21,17 @@ class CentroidalReference:
         target: (N+1, 9) [centre of mass; linear momentum; angular momentum], where the reference is written.
         mass: of the robot, kg.
         uprighting_rate: 1/s.
-        node_s: between nodes, s.
+        grid: intervals of the horizon.
 
     Raises:
         CompileError: the compiler failed.
     """
 
-    def __init__(self, target: Array, mass: float, uprighting_rate: float, node_s: float) -> None:
+    def __init__(self, target: Array, mass: float, uprighting_rate: float, grid: TimeGrid) -> None:
         nodes = len(target)
         self._motion = tuple(np.zeros((3, nodes, 3)))
         self._attitude, self._rotation, self._inertia = np.zeros(4), np.zeros((3, 3)), np.zeros((3, 3))
-        fading = uprighting_rate * np.exp(-uprighting_rate * node_s * np.arange(nodes))
+        fading = uprighting_rate * np.exp(-TimeGrid(uprighting_rate * grid.period, grid.count).elapsed)
         com, com_velocity, angular_velocity = self._motion
         turn, rotation = np.zeros(3), self._rotation.reshape(-1)
         self._turn = StageKernel.of(_turn).bind(1, attitude=self._attitude, rotation=rotation, turn=turn)

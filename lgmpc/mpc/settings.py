@@ -8,6 +8,7 @@ from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.robot.scaling import normal_force_range, weight_factor
 from lgmpc.settings import Count, NonNegative, Positive, RangeFromZero, Settings, Vector3, key
+from lgmpc.timegrid import TimeGrid
 
 _NORMAL_FORCE = (0.2, 24.0)
 """Bounds on normal forces, N per kg of the robot: no foot is unloaded entirely, and one foot may carry 2.4 weights."""
@@ -72,6 +73,11 @@ class MpcSettings(Settings):
     friction_facets: Annotated[int, Field(strict=True, ge=3, le=32)] | None = key(
         None, "Sides of the pyramid inscribed in the friction cone, 3 to 32. null: 12, at corners of soles 4."
     )
+
+    @property
+    def horizon(self) -> TimeGrid:
+        """Intervals of the horizon, from 0 s."""
+        return TimeGrid(self.node_s, self.nodes)
 
     def normal_force(self, mass: float) -> tuple[float, float]:
         """Return the lowest and highest normal force of a foot of a robot of ``mass`` kg, N."""

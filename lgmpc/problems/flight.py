@@ -27,6 +27,7 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Vector3, key, problem as problem_with
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import GRAVITY, Array
 
 
@@ -183,7 +184,7 @@ def _nodes(s: FlightSettings) -> tuple[int, ...]:
         if waypoint.time_s > MOST_INTERVALS * s.node_s:
             expected = f"at most {MOST_INTERVALS * s.node_s:g} s: {MOST_INTERVALS} intervals of {s.node_s:g} s"
             raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time_s:g} s", expected)
-        node = round(waypoint.time_s / s.node_s)
+        node = TimeGrid(s.node_s).nearest(waypoint.time_s)
         if not abs(node * s.node_s - waypoint.time_s) < 1e-6:
             expected = f"a multiple of the intervals' length, {s.node_s:g} s"
             raise InputError("waypoints", f"'{waypoint.name}' at {waypoint.time_s:g} s", expected)

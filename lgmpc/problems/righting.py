@@ -32,6 +32,7 @@ from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.robot.actuators import match_joints
 from lgmpc.settings import Count, Finite, Interval, NonNegative, Positive, Settings, Vector3, key
+from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
     base = np.concatenate([s.position_m, pin.Quaternion(start).coeffs()])
     x0 = np.concatenate([base, still[:nu], start.T @ s.velocity_m_s, np.zeros(3), still[nu:]])
     problem.set_initial_state(x0)
-    times: Array = s.node_s * np.arange(s.nodes + 1, dtype=np.float64)
+    times = TimeGrid(s.node_s, s.nodes).nodes
     guess = falling_motion(robot, x0, s.strokes.joints(robot, times), times)
     strokes = np.hstack([guess.xs[:, robot.joint_q], guess.xs[:, robot.nq :][:, robot.joint_v]])
     problem.set("joints_reference", strokes)

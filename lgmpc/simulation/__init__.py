@@ -7,10 +7,10 @@ is not named here because it loads MuJoCo.
 from lgmpc.simulation.disturbances import Push as Push, PushSchedule as PushSchedule
 from lgmpc.simulation.loop import (
     Disturbance as Disturbance,
-    Rates as Rates,
+    Loop as Loop,
     Sensing as Sensing,
     Tick as Tick,
-    simulate as simulate,
+    control_ticks as control_ticks,
     true_state as true_state,
 )
 from lgmpc.simulation.parameters import PlantSettings as PlantSettings

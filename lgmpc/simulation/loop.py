@@ -18,6 +18,7 @@ from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import ActuatorSettings, Computing, Drives, LinkSettings, Spent, StateLink, TimingSettings
 from lgmpc.simulation.plant import Plant, PlantSample
 from lgmpc.simulation.sensors import Sensors
+from lgmpc.timegrid import TimeGrid, periods_in
 from lgmpc.typing import Array, BoolArray
 
 _SAME_TIME = 1e-9  # s
@@ -57,38 +58,17 @@ class TrueState:
         return self.link.pass_on(self.link.disturb(true_state(sample), self.nu), sample.time)
 
 
-@dataclass(frozen=True)
-class Rates:
-    """Numbers of plant steps per control tick and of control ticks per run.
+def control_ticks(plant_dt: float, control_rate: float, duration: float) -> TimeGrid:
+    """Return the control ticks of a run, each of a whole number of plant steps ``plant_dt``, s.
 
-    Attributes:
-        substeps: plant steps per control tick.
-        ticks: control ticks of the run.
-        period: time between control ticks, s.
+    Raises:
+        InputError: if the control rate does not divide the plant's, or the run is shorter than a tick.
     """
-
-    substeps: int
-    ticks: int
-    period: float
-
-    @classmethod
-    def of(cls, plant_dt: float, control_rate: float, duration: float) -> "Rates":
-        """Fit the control rate to the plant's step.
-
-        Raises:
-            InputError: if the control period is not a whole number of plant steps, or the run shorter than one.
-        """
-        ratio = 1.0 / (control_rate * plant_dt)
-        substeps = round(ratio)
-        if substeps < 1 or abs(ratio - substeps) > 1e-6 * ratio:
-            raise InputError(
-                "wbc.rate_hz", control_rate, f"a rate that divides the plant's {1.0 / plant_dt:g} Hz without remainder"
-            )
-        period = substeps * plant_dt
-        ticks = round(duration / period)
-        if ticks < 1:
-            raise InputError("duration_s", duration, f"at least one control tick ({period:g} s)")
-        return cls(substeps, ticks, period)
+    period = plant_dt * periods_in("wbc.rate_hz", control_rate, "plant.rate_hz", 1.0 / plant_dt)
+    ticks = TimeGrid.lasting(duration, period)
+    if ticks.count < 1:
+        raise InputError("duration_s", duration, f"at least one control tick ({period:g} s)")
+    return ticks
 
 
 class Disturbance(NamedTuple):
@@ -149,7 +129,7 @@ class Loop:
         plant: plant, reset to the initial state.
         controller: computes a command at every control tick.
         pushes: disturbances.
-        rates: see :meth:`Rates.of`.
+        ticks: see :func:`control_ticks`.
         sensing: source of the controller's state; the plant's true state unless given.
         hardware: delays and drives that commands pass through; ideal unless given.
 
@@ -163,13 +143,14 @@ class Loop:
         plant: Plant,
         controller: Controller,
         pushes: PushSchedule,
-        rates: Rates,
+        ticks: TimeGrid,
         sensing: Sensing | TrueState | None = None,
         hardware: Hardware | None = None,
     ) -> None:
         self.index = 0
         self.samples: list[PlantSample] | None = None
-        self._plant, self._controller, self._rates, self._sensing = plant, controller, rates, sensing
+        self._plant, self._controller, self._ticks, self._sensing = plant, controller, ticks, sensing
+        self._substeps = TimeGrid(plant.dt).nearest(ticks.period)
         self._hardware = _ideal(plant) if hardware is None else hardware
         self._pushes, self._disturber = pushes, _Disturber(plant, pushes)
         self._ready = -math.inf
@@ -187,7 +168,7 @@ class Loop:
         self._plant = recorded = _Recorded(samples, plant)
         self._disturber = _Disturber(recorded, self._pushes)
         try:
-            self.run(lambda tick: True, len(samples) // self._rates.substeps)
+            self.run(lambda tick: True, len(samples) // self._substeps)
         finally:
             self._plant, self._disturber = plant, _Disturber(plant, self._pushes)
 
@@ -202,9 +183,9 @@ class Loop:
         Returns:
             Whether all these ticks were simulated, and ``on_tick`` did not end the run.
         """
-        plant, rates, hardware, disturber = self._plant, self._rates, self._hardware, self._disturber
+        plant, hardware, disturber = self._plant, self._hardware, self._disturber
         drives, kept = hardware.drives, self.samples
-        while self.index < (rates.ticks if until is None else until):
+        while self.index < (self._ticks.count if until is None else until):
             sample = plant.sense()
             if kept is not None:
                 kept.append(sample)
@@ -223,7 +204,7 @@ class Loop:
             else:  # an earlier tick is still being computed: this one is missed
                 torque = drives.torque(sample.time, sample.q, sample.v)
             plant.step(torque)
-            for _ in range(rates.substeps - 1):
+            for _ in range(self._substeps - 1):
                 now = plant.sense()
                 if kept is not None:
                     kept.append(now)
@@ -233,21 +214,6 @@ class Loop:
             if not continues:
                 return False
         return True
-
-
-def simulate(
-    plant: Plant,
-    controller: Controller,
-    pushes: PushSchedule,
-    rates: Rates,
-    on_tick: Callable[[Tick], bool],
-    sensing: Sensing | TrueState | None = None,
-    hardware: Hardware | None = None,
-) -> int:
-    """Run a :class:`Loop` from its first tick to its last, or until ``on_tick`` ends it; return their number."""
-    loop = Loop(plant, controller, pushes, rates, sensing, hardware)
-    loop.run(on_tick)
-    return loop.index
 
 
 def _ideal(plant: Plant) -> Hardware:

@@ -9,6 +9,7 @@ from lgmpc.config.build import build_controller, build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.control.planner import PlanSampler
 from lgmpc.mpc import MpcStatus, Plan
+from lgmpc.timegrid import TimeGrid
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
 
@@ -32,21 +33,20 @@ def test_the_sampler_reads_the_plan_by_time() -> None:
     rng = np.random.default_rng(3)
     xs, forces = rng.normal(size=(21, 9)), rng.normal(size=(20, 4, 3))
     plan = Plan(2.0, 0.02, 2.5, xs, forces, MpcStatus.SOLVED, 1, 0.0)
-    sampler = PlanSampler(0.001, 10)
+    sampler = PlanSampler(TimeGrid(0.001, 10), 4)
     with pytest.raises(ValueError, match="no plan"):
         sampler.row(2.0)
     sampler.load(plan, 2.0)
     # In order, late, far beyond the sampled ticks (a missed update), and back again.
     for time in (2.0, 2.001, 2.009, 2.0052, 2.173, 2.174, 2.002):
-        row = sampler.row(time)
-        assert sampler.motion is not None
+        row, samples = sampler.row(time), sampler.samples
         nearest = time if time != 2.0052 else 2.005
         expected = plan.sample(nearest)
-        np.testing.assert_allclose(sampler.motion.com[row], expected.com, atol=1e-12)
-        np.testing.assert_array_equal(sampler.motion.forces[row], expected.forces)
+        np.testing.assert_allclose(samples.motion.com[row], expected.com, atol=1e-12)
+        np.testing.assert_array_equal(samples.motion.forces[row], expected.forces)
         com = [expected.com, expected.com_velocity, expected.com_acceleration]
-        np.testing.assert_allclose(sampler.com[row], np.concatenate(com), atol=1e-9)
+        np.testing.assert_allclose(samples.com[row], np.concatenate(com), atol=1e-9)
         turning = [expected.angular_momentum, expected.angular_momentum_rate]
-        np.testing.assert_allclose(sampler.angular_momentum[row], np.concatenate(turning), atol=1e-9)
+        np.testing.assert_allclose(samples.angular_momentum[row], np.concatenate(turning), atol=1e-9)
     sampler.clear()
-    assert sampler.plan is None and sampler.motion is None
+    assert sampler.plan is None

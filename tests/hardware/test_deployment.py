@@ -9,6 +9,7 @@ import pytest
 
 from lgmpc.control import Command, Measurement, RobotState
 from lgmpc.hardware import DeployedTick, DeploymentSettings, JointLimits, Operator, StopReason, deploy
+from lgmpc.timegrid import TimeGrid
 
 NU, PERIOD = 2, 0.001
 QUICK = DeploymentSettings(silence_s=0.002, lost_s=0.5, damping_nms=0.3)
@@ -62,7 +63,7 @@ class Part:
 
 def run(robot: ScriptedRobot, copying: Copying, ticks: int, **options: object) -> object:
     controller, estimator = Part(copying.decide), Part(copying.estimate)
-    return deploy(robot, controller, estimator, period_s=PERIOD, duration_s=ticks * PERIOD, settings=QUICK, **options)  # type: ignore[arg-type]
+    return deploy(robot, controller, estimator, ticks=TimeGrid(PERIOD, ticks), settings=QUICK, **options)  # type: ignore[arg-type]
 
 
 def is_damping(command: Command) -> bool:
@@ -243,13 +244,13 @@ def test_limits_stop_the_robot_by_name(quantity: str, value: list[float], words:
 
     copying, settings = Copying(), QUICK.model_copy(update={"max_rms_torque_share": 0.5, "rms_torque_s": 0.01})
     robot = Beyond(*([k] for k in range(30)))
-    options = {"period_s": PERIOD, "duration_s": 0.03, "settings": settings, "limits": LIMITS}
+    options = {"ticks": TimeGrid(PERIOD, 30), "settings": settings, "limits": LIMITS}
     found = deploy(robot, Part(copying.decide), Part(copying.estimate), **options)  # type: ignore[arg-type]
     assert found.ending is StopReason.LIMIT and words in found.failure
     assert 2 <= found.ticks < 6 and is_damping(robot.written[-1])
     single = Beyond([0])  # one reading may be a fault of the sensor
     assert quantity == "torques" or deploy(
-        single, Part(copying.decide), Part(copying.estimate), **{**options, "duration_s": PERIOD}  # type: ignore[arg-type]
+        single, Part(copying.decide), Part(copying.estimate), **{**options, "ticks": TimeGrid(PERIOD, 1)}  # type: ignore[arg-type]
     ).ending is StopReason.DURATION  # fmt: skip
 
 
@@ -258,11 +259,11 @@ def test_torques_are_cut_and_rise_at_the_start(caplog: pytest.LogCaptureFixture)
     copying.torque = 3.0
     settings = QUICK.model_copy(update={"soft_start_s": 4 * PERIOD})
     controller, estimator = Part(copying.decide), Part(copying.estimate)
-    deploy(robot, controller, estimator, period_s=PERIOD, duration_s=6 * PERIOD, settings=settings, limits=LIMITS)
+    deploy(robot, controller, estimator, ticks=TimeGrid(PERIOD, 6), settings=settings, limits=LIMITS)
     np.testing.assert_allclose([c.tau[0] for c in robot.written], [0.0, 0.5, 1.0, 1.5, 2.0, 2.0, 0.0])
     np.testing.assert_allclose([c.kd[0] for c in robot.written], [0.3, 0.225, 0.15, 0.075, 0.0, 0.0, 0.3])
     robot, copying.torque = ScriptedRobot([0]), 1e300
-    deploy(robot, controller, estimator, period_s=PERIOD, duration_s=PERIOD, settings=QUICK, limits=LIMITS)
+    deploy(robot, controller, estimator, ticks=TimeGrid(PERIOD, 1), settings=QUICK, limits=LIMITS)
     assert all(map(is_damping, robot.written))
     assert "the command at 0.000 s is beyond bounds (tau[0] is 1e+300, more than 20)" in caplog.text
 
@@ -311,7 +312,7 @@ def test_the_robot_lies_down_after_the_run(wishes: dict[str, int], ending: str, 
     settings = QUICK.model_copy(update={"lie_down_s": 5 * PERIOD})
     options = {"settings": settings, "operator": operator, "on_tick": ticks.append}
     found = deploy(
-        robot, Part(decide), Part(copying.estimate), period_s=PERIOD, duration_s=4 * PERIOD, **options  # type: ignore[arg-type]
+        robot, Part(decide), Part(copying.estimate), ticks=TimeGrid(PERIOD, 4), **options  # type: ignore[arg-type]
     )  # fmt: skip
     assert (found.ending, len(ticks)) == (StopReason[ending], recorded)
     assert 5 <= sum(seen) <= 7 and seen == sorted(seen)

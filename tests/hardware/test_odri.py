@@ -17,6 +17,7 @@ from lgmpc.control import Command, Measurement, RobotState
 from lgmpc.errors import InputError, LgmpcError
 from lgmpc.hardware import DeploymentSettings, StopReason, deploy
 from lgmpc.hardware.odri import OdriDriver
+from lgmpc.timegrid import TimeGrid
 
 NU, PERIOD = 12, 1e-3
 POSTURE = np.linspace(-0.5, 0.5, NU)
@@ -87,7 +88,7 @@ def run(driver: OdriDriver, ticks: int) -> Any:
     controller = Part(lambda state: Command(*gains))
     estimator = Part(lambda m: RobotState(m.time, m.joints, m.speeds))
     settings = DeploymentSettings(damping_nms=0.3)
-    return deploy(driver, controller, estimator, period_s=PERIOD, duration_s=ticks * PERIOD, settings=settings)
+    return deploy(driver, controller, estimator, ticks=TimeGrid(PERIOD, ticks), settings=settings)
 
 
 def test_commands_and_gains_of_each_joint_reach_the_motor_boards(monkeypatch: pytest.MonkeyPatch, file: Path) -> None:

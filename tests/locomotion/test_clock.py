@@ -11,6 +11,7 @@ from hypothesis import given, strategies as st
 from lgmpc.errors import InputError
 from lgmpc.locomotion.clock import GaitClock, GaitClockSettings
 from lgmpc.locomotion.gait import Gait, quadruped_gaits
+from lgmpc.timegrid import TimeGrid
 
 GAITS = {
     **quadruped_gaits(),
@@ -98,7 +99,7 @@ def test_the_horizon_comes_true_while_nothing_changes(changes: list[tuple[float,
     t += wait
     predicted = np.zeros((40, 4), dtype=np.bool_)
     clock.advance(t)
-    clock.horizon(t, 0.02, predicted)
+    clock.horizon(TimeGrid(0.02, 40, t), predicted)
     for row, time in zip(predicted, t + 0.02 * np.arange(40), strict=True):
         clock.advance(time)
         edges = [

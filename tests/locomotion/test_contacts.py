@@ -11,6 +11,7 @@ import pytest
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.contacts import ContactEvents, ContactEventSettings, ContactState
 from lgmpc.locomotion.gait import Gait
+from lgmpc.timegrid import TimeGrid
 
 TROT = Gait(name="trot", period_s=0.32, duty=0.55, offsets=(0.0, 0.5, 0.5, 0.0))
 TICK = 1e-3
@@ -223,12 +224,13 @@ def test_the_horizon_begins_with_what_the_feet_do() -> None:
     script = Script()
     script.run(TROT.swing_s + 0.01, lambda t, contacts: contacts.__setitem__(0, False))
     flags = np.ones((10, 4), dtype=np.bool_)
-    script.clock.horizon(script.t, 0.02, flags)
-    script.events.correct(flags, 0.02)
+    horizon = TimeGrid(0.02, 10, script.t)
+    script.clock.horizon(horizon, flags)
+    script.events.correct(flags, horizon)
     assert not flags[0, 0]
     assert flags[0, 1:].tolist() == script.events.stance[1:].tolist()
     assert flags[1, 0]  # expected to have landed
-    script.events.correct(flags, 0.5 * SETTINGS.lookahead_s)
+    script.events.correct(flags, TimeGrid(0.5 * SETTINGS.lookahead_s, 10, script.t))
     assert flags[:4, 0].tolist() == [False, False, False, True]
 
 

@@ -16,6 +16,7 @@ from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSett
 from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.robot import Robot
+from lgmpc.timegrid import TimeGrid
 from lgmpc.world import Plane
 from tests.support.samples import solo8
 
@@ -256,14 +257,15 @@ def test_footholds_at_the_legs_reach_are_clear_of_the_other_feet_too(legs: LegGe
 def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> None:
     planner = FootholdPlanner(legs, ground=Plane((0.0, 0.0, 0.1)))
     clock = GaitClock(TROT)
-    t, dt = 0.02, 0.02
+    horizon = TimeGrid(0.02, 20, 0.02)
+    t = horizon.start
     clock.advance(t)
     motion = BaseMotion(0.0, 0.0, 0.5, 0.0, 0.0, commanded_vx=0.5)
     contacts = np.arange(12.0).reshape(4, 3)
     points = np.zeros((20, 4, 3))
-    planner.horizon(clock, motion, t, dt, contacts, points)
+    planner.horizon(clock, motion, horizon, contacts, points)
     flags = np.zeros((20, 4), dtype=np.bool_)
-    clock.horizon(t, dt, flags)
+    clock.horizon(horizon, flags)
     for foot in range(4):
         liftoffs = [k for k in range(1, 20) if flags[k - 1, foot] and not flags[k, foot]]
         first = liftoffs[0]
@@ -280,13 +282,13 @@ def test_the_horizon_places_the_feet_that_would_lift_off_now(legs: LegGeometry) 
     motion = BaseMotion(0.0, 0.0, 1.0, 0.5, 0.0)
     contacts = legs.feet
     points = np.zeros((5, 4, 3))
-    planner.horizon(clock, motion, 0.0, 0.02, contacts, points, [True] * 4)
+    planner.horizon(clock, motion, TimeGrid(0.02, 5), contacts, points, [True] * 4)
     lifted = np.flatnonzero(~clock.flags(0.0)).tolist()
     assert len(lifted) == 2
     for foot in range(4):
         expected = planner.place(foot, motion, TROT.swing_s, TROT.stance_s) if foot in lifted else contacts[foot, :2]
         np.testing.assert_allclose(points[:, foot, :2], np.tile(expected, (5, 1)), atol=1e-12)
-    planner.horizon(clock, motion, 0.0, 0.02, contacts, points, clock.flags(0.0).tolist())  # in the air already
+    planner.horizon(clock, motion, TimeGrid(0.02, 5), contacts, points, clock.flags(0.0).tolist())  # in the air already
     np.testing.assert_array_equal(points, np.tile(contacts, (5, 1, 1)))
 
 

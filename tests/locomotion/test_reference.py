@@ -14,8 +14,10 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
+from lgmpc.timegrid import TimeGrid
 
 N, DT = 20, 0.02
+HORIZON = TimeGrid(DT, N)
 
 
 FEET = np.array([[0.2, 0.15, 0.0], [0.2, -0.15, 0.0], [-0.2, 0.15, 0.0], [-0.2, -0.15, 0.0]])
@@ -35,7 +37,7 @@ def sloped(slope: tuple[float, float], height: float = 0.0) -> TerrainBelief:
 
 def written(builder: ReferenceBuilder, robot: Robot, command: MotionCommand, height: float = 0.0) -> MotionReference:
     reference = MotionReference.standing(robot, N, np.zeros(3))
-    builder.write(reference, command, DT, level(height))
+    builder.write(reference, command, HORIZON, level(height))
     return reference
 
 
@@ -100,7 +102,7 @@ def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs:
     wanted = MotionCommand(0.3, -0.2)
     command = limiter.step(wanted, 1e-3)
     reference = MotionReference.standing(solo12, N, np.zeros(3))
-    builder.write(reference, command, DT, level(), limiter.ramp)
+    builder.write(reference, command, HORIZON, level(), limiter.ramp)
     assert 0.0 < limiter.ramp.duration < N * DT
     for k in range(N):
         np.testing.assert_allclose([builder.x, builder.y], reference.com[k, :2], atol=3e-4)
@@ -166,7 +168,7 @@ def test_on_a_slope_the_base_is_parallel_to_it_and_the_way_rises_with_it(
     builder.begin(np.array([1.0, -2.0, 0.0]), yaw)
     command = MotionCommand(vx=0.5, vy=0.1)
     pose, reference = builder.pose(command, ground), MotionReference.standing(solo12, N, np.zeros(3))
-    builder.write(reference, command, DT, ground)
+    builder.write(reference, command, HORIZON, ground)
     normal = np.array([*-slope, 1.0]) / math.sqrt(1.0 + slope @ slope)
     np.testing.assert_allclose(pose.rotation[:, 2], normal, atol=1e-9)
     assert math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]) == pytest.approx(yaw)

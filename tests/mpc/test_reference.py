@@ -5,6 +5,7 @@ from lgmpc.lie import quaternion, so3
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.mpc import MeasuredState
 from lgmpc.mpc.reference import CentroidalReference
+from lgmpc.timegrid import TimeGrid
 
 MASS, RATE, NODE = 2.5, 3.0, 0.02
 
@@ -12,7 +13,7 @@ MASS, RATE, NODE = 2.5, 3.0, 0.02
 def test_the_reference_is_the_motion_and_the_momentum_that_turns_the_base_back() -> None:
     rng = np.random.default_rng(60)
     target = np.zeros((5, 12))
-    writer = CentroidalReference(target[:, 1:10], MASS, RATE, NODE)
+    writer = CentroidalReference(target[:, 1:10], MASS, RATE, TimeGrid(NODE, 4))
     for _ in range(3):
         attitude, theta = rng.normal(0, 0.5, 3), rng.normal(0, 0.5, 3)
         com, velocity, spin = rng.normal(size=(3, 5, 3))
@@ -34,7 +35,7 @@ def test_a_motion_of_another_length_is_refused(name: str) -> None:
     arrays[name] = np.zeros((4, 3))
     state = MeasuredState.centroidal(0.0, np.zeros(3), np.zeros(6))
     with pytest.raises(ValueError, match=r"shape \(4, 3\)"):
-        CentroidalReference(np.zeros((5, 9)), MASS, RATE, NODE).write(
+        CentroidalReference(np.zeros((5, 9)), MASS, RATE, TimeGrid(NODE, 4)).write(
             state, MotionReference(q=np.tile([0, 0, 0, 0, 0, 0, 1.0], (5, 1)), **arrays)
         )
 

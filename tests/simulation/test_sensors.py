@@ -11,11 +11,12 @@ from lgmpc.errors import InputError
 from lgmpc.estimation.inertial import exponential_increment, propagate
 from lgmpc.lie import quaternion
 from lgmpc.simulation.disturbances import PushSchedule
-from lgmpc.simulation.loop import Rates, Sensing, Tick, simulate
+from lgmpc.simulation.loop import Loop, Sensing, Tick
 from lgmpc.simulation.mujoco import MujocoPlant
 from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.simulation.sensors import SensorNoise, Sensors
+from lgmpc.timegrid import TimeGrid
 
 SILENT = SensorNoise(**dict.fromkeys(SensorNoise.model_fields, 0.0))
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -161,8 +162,8 @@ def test_the_controller_receives_the_estimate_and_not_the_true_state(plant_type,
         return True
 
     sensors = Sensors(solo12, SILENT, plant.dt, np.random.default_rng(0))
-    pushes, rates = PushSchedule([], plant.dt, plant.bodies), Rates(1, 3, plant.dt)
-    simulate(plant, Damping(), pushes, rates, on_tick, Sensing(sensors, WrongEstimator()))
+    pushes, grid = PushSchedule([], plant.dt, plant.bodies), TimeGrid(plant.dt, 3)
+    Loop(plant, Damping(), pushes, grid, Sensing(sensors, WrongEstimator())).run(on_tick)
     for state, tick in zip(received, ticks, strict=True):
         assert tick.state is state and state.v is rates_estimate
         assert state.time == tick.sample.time

@@ -30,7 +30,7 @@ from lgmpc.lie import quaternion
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.loop import Loop, Tick
-from lgmpc.timegrid import periods_in
+from lgmpc.timegrid import TimeGrid, periods_in
 from lgmpc.typing import Array
 
 try:
@@ -133,7 +133,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         self._goal_range = np.array(goal, dtype=np.float64)
         if self._goal_range.shape != (2, 3) or not np.isfinite(self._goal_range).all():
             raise InputError("goal", goal, "[lowest, highest] of [ahead, left, yaw rate], finite")
-        self._steps = round(episode_s * rate_hz)
+        self._steps = TimeGrid(1.0 / rate_hz).nearest(episode_s)
         entries = [entry for entry in self.config.commands if entry.gait is not None]
         self._gait = str(entries[0].gait) if entries else "trot"
         self._kind = action

@@ -4,7 +4,7 @@ from enum import Enum
 
 
 class Status(Enum):
-    """The outcome of a solve of any kind: a trajectory, a step of the real-time iteration, a quadratic programme.
+    """The outcome of a solve of any kind: a trajectory, a quadratic programme, an update of a predictive controller.
 
     Members say the remedy in their values.
     """
@@ -23,6 +23,7 @@ class Status(Enum):
     UNBOUNDED = "the cost falls without limit: give all controls, and states that it rewards, weights or bounds"
     NOT_FINITE = "check guess, first state, parameters and the action's expressions for NaN, infinity and division by 0"
     FAILED = "the underlying solver failed: reduce the spread of the weights, or change the guess"
+    STALE = "several updates in a row failed: do not follow the plan, balance without it; see how the first one failed"
 
     @property
     def remedy(self) -> str:
@@ -37,4 +38,4 @@ class Status(Enum):
     @property
     def usable(self) -> bool:
         """True if there is a result at all, perhaps a rough one: no contradiction, no NaN, no failure."""
-        return self not in (Status.INFEASIBLE, Status.UNBOUNDED, Status.NOT_FINITE, Status.FAILED)
+        return self not in (Status.INFEASIBLE, Status.UNBOUNDED, Status.NOT_FINITE, Status.FAILED, Status.STALE)

@@ -27,11 +27,6 @@ class TimeGrid:
     count: int = 0
     start: float = 0.0
 
-    @classmethod
-    def lasting(cls, duration: float, period: float) -> "TimeGrid":
-        """Return intervals that end as near as possible to ``duration``, s."""
-        return cls(period, round(duration / period))
-
     @property
     def elapsed(self) -> Array:
         """(N+1,) times of the nodes since the first one, s; read-only."""

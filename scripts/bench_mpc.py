@@ -67,7 +67,7 @@ class ClosedLoop(ABC):
         self.times.append(plan.update_time)
         self.iterations.append(plan.qp_iterations)
         self.kkt.append(self.mpc.solver.residual().largest)
-        self.failures += not plan.status.fresh
+        self.failures += not plan.status.usable
         self.deviation = max(self.deviation, float(np.linalg.norm(plan.xs[0, :3] - self.standing[:3])))
         self.advance(plan, wrench)
 

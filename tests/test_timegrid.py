@@ -44,7 +44,7 @@ def test_a_time_between_nodes_is_found_by_search(grid: TimeGrid, share: float) -
 def test_the_periods_of_a_whole_ratio_are_counted(ratio: int, slow: float) -> None:
     assert periods_in("slow", slow, "fast", ratio * slow) == ratio
     assert periods_in("slow", slow, "fast", 1.0 / (1.0 / (ratio * slow))) == ratio  # by way of the period
-    assert TimeGrid.lasting(ratio / slow, 1.0 / slow).count == ratio
+    assert TimeGrid(1.0 / slow).nearest(ratio / slow) == ratio
     with pytest.raises(InputError, match=r"slow: got .*; expected fast \(.*\) divided by a whole number"):
         periods_in("slow", slow, "fast", (ratio + 0.01) * slow)
     with pytest.raises(InputError, match="slow: got"):

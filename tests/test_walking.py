@@ -20,7 +20,6 @@ from lgmpc.config.loading import load_config
 from lgmpc.control.interface import Command, RobotState
 from lgmpc.control.legged import LeggedController
 from lgmpc.errors import ConfigError
-from lgmpc.mpc import MpcStatus
 from lgmpc.runs import Metrics, RunLog, WalkingMetrics
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.simulation.mujoco import MujocoPlant
@@ -293,7 +292,7 @@ class Faulty:
     ) -> None:
         self.controller = session.controller
         self.commands: list[Command] = []
-        self.statuses: list[tuple[float, MpcStatus | None, Status]] = []
+        self.statuses: list[tuple[float, Status | None, Status]] = []
         self.forces: list[np.ndarray] = []
         self._fault, self._begin, self._end = fault, begin, end
         self._update = session.controller.update
@@ -333,7 +332,7 @@ def test_a_failing_mpc_keeps_the_previous_plan_with_the_new_contacts() -> None:
     session = session_of(*TROT, "gate={max_solver_failures: null}")
     faulty = Faulty(session, lose_the_mass, begin, begin + 0.05)
     log, metrics, walking = walked(session)
-    failed = [k for k in faulty.during() if faulty.statuses[k][1] is MpcStatus.NOT_FINITE]
+    failed = [k for k in faulty.during() if faulty.statuses[k][1] is Status.NOT_FINITE]
     assert len(failed) >= 40
     assert log.stance is not None
     stance = log.stance[failed] != 0
@@ -356,7 +355,7 @@ def test_an_mpc_that_fails_for_good_ends_in_no_exception(caplog: pytest.LogCaptu
         result = session.run(lambda progress: None)
     assert result.verdict.outcome.value == "fail"
     assert not any("ended early" in record.message for record in caplog.records)
-    assert faulty.statuses[-1][1] is MpcStatus.STALE
+    assert faulty.statuses[-1][1] is Status.STALE
     assert all(np.isfinite(command.tau).all() for command in faulty.commands)
     assert np.abs(result.log.tau).max() <= 1.8
 

@@ -97,22 +97,23 @@ def build_controller(
         world: of the simulated robot, for its map.
         pose: returns the true pose (7,) of its base, for what it sees.
     """
-    period = 1.0 / config.wbc.rate_hz
+    period, delay, friction = 1.0 / config.wbc.rate_hz, config.delays.total_s, config.joint_friction
+    faults = None if legs_of_three(robot) is None else config.joint_faults
     gaits = gaits_of(robot, config.locomotion)
     mpc = build_mpc(config, robot, notify) if config.mpc.enabled else None
     controller = LeggedController(
         robot,
         _build_whole_body(config, robot),
         FrictionMonitor(config.wbc.friction, period),
-        Planner(robot, mpc, period, config.delays.total_s) if mpc is not None else None,
+        Planner(robot, mpc, period, delay) if mpc is not None else None,
         commands=CommandTimeline(config.commands, gaits=gaits),
         offset=None if isinstance(config.reference, StandReference) else config.reference,
         locomotion=config.locomotion,
         gaits=gaits,
         modes=config.modes,
         delays=config.delays,
-        joint_friction=_build_joint_friction(config, robot),
-        joint_faults=_build_joint_faults(config, robot),
+        joint_friction=None if friction is None else JointFrictionEstimator(robot, period, friction, delay),
+        joint_faults=None if faults is None else JointFaultMonitor(robot, period, faults, delay),
         drives=config.drives,
         maneuvers=build_maneuvers(config, robot, notify),
         period=period,
@@ -178,18 +179,6 @@ def _build_whole_body(config: Config, robot: Robot) -> WholeBodyController:
         if not own:
             raise
         raise config.error("wbc.tasks", f"{error.argument}: {error.got}", error.expected) from error
-
-
-def _build_joint_friction(config: Config, robot: Robot) -> JointFrictionEstimator | None:
-    if config.joint_friction is None:
-        return None
-    return JointFrictionEstimator(robot, 1.0 / config.wbc.rate_hz, config.joint_friction, config.delays.total_s)
-
-
-def _build_joint_faults(config: Config, robot: Robot) -> JointFaultMonitor | None:
-    if config.joint_faults is None or legs_of_three(robot) is None:
-        return None
-    return JointFaultMonitor(robot, 1.0 / config.wbc.rate_hz, config.joint_faults, config.delays.total_s)
 
 
 def build_recorder(

@@ -47,7 +47,7 @@ def _clearances_of_legs(robot: Robot, log: RunLog) -> Array | None:
     """Return the least distance between two legs every few milliseconds, m; ``None`` if no foot swung."""
     if not log.stepped:
         return None
-    q = log.q[:: max(round(_CLEARANCE_PERIOD_S / log.control_period_s), 1)]
+    q = log.q[:: max(TimeGrid(log.control_period_s).nearest(_CLEARANCE_PERIOD_S), 1)]
     return leg_clearances(robot, q[np.isfinite(q).all(axis=1)])
 
 
@@ -266,13 +266,9 @@ class RunObserver:
     ) -> None:
         self._controller, self._truth, self._estimator, self._monitor = controller, truth, estimator, monitor
         self._record, self._record_plan = recorder.append, recorder.record_mpc
-        self._records_friction = "joint_friction" in recorder.channels
-        self._records_motors = "motor_shares" in recorder.channels
-        self._records_forecasts = "forecast_ms" in recorder.channels
-        self._records_belief = "believed_ground" in recorder.channels
-        self._progress = progress
-        self._duration = ticks.end
+        self._channels, self._progress = recorder.channels, progress
         self._every, self._last = max(1, ticks.nearest(_REPORT_PERIOD)), ticks.count - 1
+        self._duration = ticks.end
         self._lowest = FALL_HEIGHT_FRACTION * float(controller.robot.q_reference[2])
         self._after_fall, self.fell_s = after_fall_s, fell_s
         self._world, self._upright = recorder.world, controller.robot.upright_axis
@@ -332,13 +328,13 @@ class RunObserver:
             values["estimate_ms"] = 1e3 * estimator.spent
         if self._monitor is not None:
             values["sensor_faults"] = self._monitor.faults
-        if self._records_friction:
+        if "joint_friction" in self._channels:
             values["joint_friction"] = report.joint_friction
-        if self._records_motors:
+        if "motor_shares" in self._channels:
             values["motor_shares"] = self._controller.faults.shares
-        if self._records_forecasts:
+        if "forecast_ms" in self._channels:
             values["forecast_ms"] = report.forecast_ms
-        if self._records_belief:
+        if "believed_ground" in self._channels:
             ground, (x, y, z) = self._controller.feet.ground, tick.state.q[:3].tolist()
             values["believed_ground"] = (z - ground.plane_at(x, y), *ground.slope)
         if hands := self._controller.wbc.hands:
@@ -348,7 +344,7 @@ class RunObserver:
         self._normals[...] = self._next_normals
         plan = report.plan
         if report.planned and plan is not None:
-            failed = int(not plan.status.fresh)
+            failed = int(not plan.status.usable)
             self._record_plan(sample.time, plan.xs[:, :3], plan.first_forces, failed, report.plan_ms)
         if tick.number % self._every == 0 or tick.number == self._last:
             self._show(sample.time, sample.q, sensed.contact_points, report.mode)

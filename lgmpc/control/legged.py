@@ -98,11 +98,8 @@ class LeggedController:
         period: float = 1e-3,
     ) -> None:
         settings = LocomotionSettings() if locomotion is None else locomotion
-        self.robot = robot
-        self.wbc = wbc
+        self.robot, self.wbc, self.floor, self.planner = robot, wbc, floor, planner
         self._tasks = MotionTasks.of(wbc.tasks)
-        self.floor = floor
-        self.planner = planner
         named = gaits_of(robot, settings) if gaits is None else gaits
         self.feet = Feet(robot, settings, named, wbc.contacts, 0.0 if delays is None else delays.total_s, period)
         self.command = MotionCommand()

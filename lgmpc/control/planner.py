@@ -7,8 +7,9 @@ import numpy as np
 from lgmpc.control.reference import MotionTasks
 from lgmpc.estimation import SteadyForce, WrenchObserver
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import MeasuredState, MotionSampler, Mpc, MpcStatus, Plan, PostureSample
+from lgmpc.mpc import MeasuredState, MotionSampler, Mpc, Plan, PostureSample
 from lgmpc.robot import Robot
+from lgmpc.status import Status
 from lgmpc.timegrid import TimeGrid, periods_in
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.wbc import Contacts, WholeBodyTerms
@@ -134,7 +135,7 @@ class Planner:
     def follow(self, time: float, tasks: MotionTasks, contacts: Contacts) -> bool:
         """Write the plan's targets of tasks and forces, unless it is stale; return whether they were written."""
         sampler = self._sampler
-        if sampler.plan is None or sampler.plan.status is MpcStatus.STALE:
+        if sampler.plan is None or sampler.plan.status is Status.STALE:
             return False
         row, samples, posture = sampler.row(time), sampler.samples, sampler.posture
         tasks.com.targets_together[...] = samples.com[row]

@@ -71,17 +71,12 @@ class PushSteps:
     """
 
     def __init__(self, settings: StepReactionSettings, feet: Feet, reference: ReferenceBuilder, mass: float) -> None:
-        self.settings = settings
-        self.active = False
+        self.settings, self.active, self.deciding = settings, False, False
         self.costs: list[float] = []
-        self._feet, self._reference, self._mass = feet, reference, mass
-        self._height = feet.legs.height
-        self._displaced_since = math.inf
+        self._feet, self._reference, self._mass, self._height = feet, reference, mass, feet.legs.height
         self._reaction = StepReaction(settings, self._height)
         self._schedules = feet.step_schedules() if settings.enabled else ()
-        self.deciding, self._updates = False, 0
-        self._home = (0.0, 0.0, 0.0)
-        self._captured = math.inf
+        self._home, self._captured, self._displaced_since = (0.0, 0.0, 0.0), math.inf, math.inf
         self._pushed: _Pushed | None = None
         self._updates = 0  # of the next schedule's forecast so far
         self._guess: Any = None  # of its next one
@@ -129,7 +124,7 @@ class PushSteps:
             forces: (nc, 3) on the contact points, world axes, N.
         """
         plan = planner.plan
-        if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.fresh):
+        if not self._schedules or self.deciding or plan is None or not (self._feet.standing and plan.status.usable):
             return
         com, velocity = plan.xs[-1, :3], plan.xs[-1, 3:6] / self._mass
         if not self._feet.points.single:
@@ -164,7 +159,7 @@ class PushSteps:
             return False
         self._updates = 0
         self._guesses.append(self._guess)
-        self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if plan.status.fresh else math.inf)
+        self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if plan.status.usable else math.inf)
         if len(self.costs) < len(self._schedules):
             return False
         self.deciding = False

@@ -12,7 +12,6 @@ from lgmpc.mpc.models import AnyMpcSettings as AnyMpcSettings, make_mpc as make_
 from lgmpc.mpc.plan import (
     MotionSample as MotionSample,
     MotionSampler as MotionSampler,
-    MpcStatus as MpcStatus,
     Plan as Plan,
     PosturePlan as PosturePlan,
     PostureSample as PostureSample,

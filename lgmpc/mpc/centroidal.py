@@ -9,7 +9,7 @@ from lgmpc.actions import CentroidalAction
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.compiled import NOT_FINITE, OVERFLOWN, SOLVED, CompiledUpdate
 from lgmpc.mpc.interface import MeasuredState
-from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
 from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
@@ -18,6 +18,7 @@ from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.settings import NonNegative, Settings, Vector3, key
 from lgmpc.solvers import Solution
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 
@@ -136,15 +137,15 @@ class CentroidalMpc(SqpMpc):
             return self._advance(state.time, start)
         status, iterations = compiled.run(self._guess_time)
         if status == NOT_FINITE:
-            return self._fall_back(MpcStatus.NOT_FINITE, state.time, iterations, start)
+            return self._fall_back(Status.NOT_FINITE, state.time, iterations, start)
         self._guess_time = state.time
         if status == OVERFLOWN:
-            return self._fall_back(MpcStatus.SOLVER_FAILED, state.time, iterations, start)
+            return self._fall_back(Status.FAILED, state.time, iterations, start)
         if status != SOLVED:
             return self._advance(state.time, start)
         plan = self._make_plan(state.time, compiled.states.copy(), compiled.forces.copy())
         self._trajectory = Trajectory(plan.xs, self.solver.us.copy())
-        return self._keep(plan, MpcStatus.SOLVED, iterations, start)
+        return self._keep(plan, Status.STEPPED, iterations, start)
 
     def _write(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> None:
         problem = self.problem

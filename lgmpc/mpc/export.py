@@ -16,8 +16,9 @@ from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.centroidal import CentroidalMpc
 from lgmpc.mpc.compiled import NOT_FINITE, NOT_SOLVED, SOLVED, header, update_source
 from lgmpc.mpc.interface import MeasuredState, Mpc
-from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.plan import Plan
 from lgmpc.solvers.qp import ActiveSetSolver
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 
@@ -72,7 +73,7 @@ class UpdateRecorder:
         mpc, compiled = self._mpc, self._compiled
         fresh = mpc._guess_time is None
         plan = self._update(state, contacts, reference, wrench)
-        code = SOLVED if plan.status.fresh else NOT_FINITE if plan.status is MpcStatus.NOT_FINITE else NOT_SOLVED
+        code = SOLVED if plan.status.usable else NOT_FINITE if plan.status is Status.NOT_FINITE else NOT_SOLVED
         self._open = self._open and not mpc.solver.qp_solver.took_over  # type: ignore[attr-defined]
         if self._open:
             made = [code, plan.time], plan.xs.ravel(), plan.forces.ravel()

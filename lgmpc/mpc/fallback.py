@@ -83,7 +83,7 @@ class FallbackMpc:
     def _plan(self, state: MeasuredState, contacts: ContactHorizon, reference: MotionReference, wrench: Array) -> Plan:
         """Plan with the full-body model, and accept or reject the plan."""
         plan = self.mpc.update(state, contacts, reference, wrench)
-        self._usable = plan.status.fresh and self.mpc.keeps_reach(plan)
+        self._usable = plan.status.usable and self.mpc.keeps_reach(plan)
         if not self._usable:
             self.mpc.reset_guess()
             self._pause = _PAUSE

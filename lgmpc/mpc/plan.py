@@ -2,29 +2,14 @@
 
 import functools
 from dataclasses import dataclass, fields
-from enum import Enum
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
+from lgmpc.status import Status
 from lgmpc.typing import Array
-
-
-class MpcStatus(Enum):
-    """Origin of a plan; the value states the remedy."""
-
-    SOLVED = "nothing to do"
-    INACCURATE = "usable; if it happens often, raise the QP solver's iterations or bring the weights closer together"
-    SOLVER_FAILED = "the last valid plan remains in use; check bounds and weights if it happens often"
-    NOT_FINITE = "the last valid plan remains in use; the state, the wrench or a reference contained NaN or infinity"
-    STALE = "several updates in a row failed: do not follow this plan, balance without it"
-
-    @property
-    def fresh(self) -> bool:
-        """Whether the plan was made for the update's own state."""
-        return self in (MpcStatus.SOLVED, MpcStatus.INACCURATE)
 
 
 @dataclass(frozen=True)
@@ -106,7 +91,7 @@ class Plan:
         mass: of the model, kg.
         xs: (N+1, 9) [centre of mass; linear momentum; angular momentum] at the nodes.
         forces: (N, nc, 3) contact forces, each constant from its node to the next; exactly zero for feet in the air.
-        status: origin of the plan.
+        status: of the update that returned it; unless that is usable, the plan is the last one, or standing.
         qp_iterations: of the QP solver in the update that returned this plan.
         update_time: computing time of the whole update, s.
         posture: of base and joints, None if the model has none.
@@ -117,7 +102,7 @@ class Plan:
     mass: float
     xs: Array
     forces: Array
-    status: MpcStatus
+    status: Status
     qp_iterations: int
     update_time: float
     posture: PosturePlan | None = None
@@ -132,7 +117,7 @@ class Plan:
         """Time of the last node, s."""
         return self.time + self.node_duration * len(self.forces)
 
-    def stamped(self, status: MpcStatus, qp_iterations: int, update_time: float) -> "Plan":
+    def stamped(self, status: Status, qp_iterations: int, update_time: float) -> "Plan":
         """Return the same motion as the result of an update (dataclasses.replace takes four times as long)."""
         return Plan(
             self.time, self.node_duration, self.mass, self.xs, self.forces, status, qp_iterations, update_time,

@@ -25,8 +25,9 @@ import numpy as np
 from lgmpc.errors import SolverError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.interface import MeasuredState, Mpc
-from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.settings import MpcSettings
+from lgmpc.status import Status
 from lgmpc.typing import Array
 
 _LOG = logging.getLogger(__name__)
@@ -77,7 +78,7 @@ class ProcessMpc:
     def reset(self) -> None:
         """Discard all history: the last plan is not followed any more, and the process begins anew."""
         self._number += 1
-        self._plan = None if self._plan is None else replace(self._plan, status=MpcStatus.STALE)
+        self._plan = None if self._plan is None else replace(self._plan, status=Status.STALE)
 
     def state(self) -> Any:
         """Return the last plan; what the process holds stays there."""
@@ -111,7 +112,7 @@ class ProcessMpc:
             raise SolverError("MPC", f"no first plan after {_FIRST_S:g} s", "Is the machine too busy for its process?")
         if state.time - plan.time <= self._stale:
             return plan
-        return replace(plan, status=MpcStatus.STALE)
+        return replace(plan, status=Status.STALE)
 
     def close(self) -> None:
         """End the process."""
@@ -137,7 +138,7 @@ class ProcessMpc:
         self._asked = False
         if number == self._number:
             self._plan = plan
-            self.failures += not plan.status.fresh
+            self.failures += not plan.status.usable
 
 
 class SharedValues:
@@ -163,7 +164,7 @@ class SharedValues:
             pipe.send(values)
             return
         for view, leaf in zip(self._views, leaves, strict=True):
-            view[...] = _ORDER[leaf] if isinstance(leaf, MpcStatus) else np.nan if leaf is None else leaf
+            view[...] = _ORDER[leaf] if isinstance(leaf, Status) else np.nan if leaf is None else leaf
         pipe.send(None)
 
     def receive(self, pipe: Connection, copied: bool) -> tuple[Any, ...]:
@@ -220,10 +221,10 @@ def _names(kind: Any) -> tuple[str, ...]:
     return tuple(each.name for each in fields(kind)) if is_dataclass(kind) else ()
 
 
-_STATUSES = tuple(MpcStatus)
+_STATUSES = tuple(Status)
 _ORDER = {status: float(k) for k, status in enumerate(_STATUSES)}
 _VALUE_OF: dict[type, Callable[[float], Any]] = {
-    float: float, np.float64: np.float64, int: int, bool: bool, MpcStatus: lambda k: _STATUSES[int(k)],
+    float: float, np.float64: np.float64, int: int, bool: bool, Status: lambda k: _STATUSES[int(k)],
     type(None): lambda _: None,
 }  # fmt: skip
 

@@ -11,7 +11,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.interface import MeasuredState
-from lgmpc.mpc.plan import MpcStatus, Plan
+from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.settings import MpcSettings
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
@@ -116,7 +116,7 @@ class SqpMpc(ABC):
         x0 = self.problem.x0
         # One sum over all numbers shows any NaN or infinity among them.
         if not math.isfinite(t + float(x0.sum()) + float(self.problem.parameters[:, self._bounded].sum())):
-            return self._fall_back(MpcStatus.NOT_FINITE, t, 0, start)
+            return self._fall_back(Status.NOT_FINITE, t, 0, start)
         qp_iterations = 0
         with np.errstate(over="ignore", invalid="ignore"):  # overflows are reported by the status, not by a warning
             self._warm_start(t)
@@ -125,15 +125,13 @@ class SqpMpc(ABC):
                 result = self.solver.feedback(x0)
                 qp_iterations += result.qp_iterations
                 if not self._is_acceptable(result):
-                    not_finite = result.status is Status.NOT_FINITE
-                    failure = MpcStatus.NOT_FINITE if not_finite else MpcStatus.SOLVER_FAILED
+                    failure = Status.FAILED if result.status.usable else result.status
                     return self._fall_back(failure, t, qp_iterations, start)
             plan = self._describe(t, result.trajectory, result)
             if not math.isfinite(float(plan.xs.sum()) + float(plan.forces.sum())):
-                return self._fall_back(MpcStatus.SOLVER_FAILED, t, qp_iterations, start)
+                return self._fall_back(Status.FAILED, t, qp_iterations, start)
         self._trajectory = result.trajectory
-        status = MpcStatus.SOLVED if result.status is Status.STEPPED else MpcStatus.INACCURATE
-        return self._keep(plan, status, qp_iterations, start)
+        return self._keep(plan, result.status, qp_iterations, start)
 
     def _warm_start(self, t: float) -> None:
         """Shift the last trajectory to the present; without one, start from rest."""
@@ -153,13 +151,13 @@ class SqpMpc(ABC):
         limit = _ACCEPTED_FORCE * float(np.abs(self._weight).max())
         return result.kkt.constraint <= limit and result.kkt.dynamics <= _ACCEPTED_GAP
 
-    def _keep(self, plan: Plan, status: MpcStatus, qp_iterations: int, start: float) -> Plan:
+    def _keep(self, plan: Plan, status: Status, qp_iterations: int, start: float) -> Plan:
         """Store and return a fresh plan; ``start`` is the beginning of the update by the performance counter."""
         self.failures_in_a_row = 0
         self._plan = plan.stamped(status, qp_iterations, time.perf_counter() - start)
         return self._plan
 
-    def _fall_back(self, status: MpcStatus, t: float, qp_iterations: int, start: float) -> Plan:
+    def _fall_back(self, status: Status, t: float, qp_iterations: int, start: float) -> Plan:
         """Return the last fresh plan with the status of the failure; STALE after too many consecutive failures.
 
         The next update starts from that plan, unless it may have caused this failure.
@@ -167,10 +165,11 @@ class SqpMpc(ABC):
         self.failures += 1
         self.failures_in_a_row += 1
         if self.failures_in_a_row == 1:
-            _LOG.warning("%s update at %.3f s: %s (%s)", type(self).__name__, t, status.name, status.value)
+            words = "%s update at %.3f s: %s; the last plan remains in use (%s)"
+            _LOG.warning(words, type(self).__name__, t, status.name, status.remedy)
         if self.failures_in_a_row > self.settings.stale_after:
-            status = MpcStatus.STALE
-        if self._plan is None or self._trajectory is None or status is not MpcStatus.NOT_FINITE:
+            status = Status.STALE
+        if self._plan is None or self._trajectory is None or status is not Status.NOT_FINITE:
             self.reset_guess()  # the guess may be the cause of the failure
         else:
             self.solver.set_guess(self._trajectory)
@@ -185,8 +184,7 @@ class SqpMpc(ABC):
     def _make_plan(self, t: float, xs: Array, forces: Array) -> Plan:
         """Return a plan whose status and timing are filled in later."""
         xs.flags.writeable = forces.flags.writeable = False
-        node_s, status = self.settings.node_s, MpcStatus.NOT_FINITE
-        return Plan(t, node_s, self.mass, xs, forces, status, 0, 0.0)
+        return Plan(t, self.settings.node_s, self.mass, xs, forces, Status.NOT_FINITE, 0, 0.0)
 
 
 def checked_mass(mass: float) -> float:

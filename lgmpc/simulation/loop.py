@@ -65,7 +65,7 @@ def control_ticks(plant_dt: float, control_rate: float, duration: float) -> Time
         InputError: if the control rate does not divide the plant's, or the run is shorter than a tick.
     """
     period = plant_dt * periods_in("wbc.rate_hz", control_rate, "plant.rate_hz", 1.0 / plant_dt)
-    ticks = TimeGrid.lasting(duration, period)
+    ticks = TimeGrid(period, TimeGrid(period).nearest(duration))
     if ticks.count < 1:
         raise InputError("duration_s", duration, f"at least one control tick ({period:g} s)")
     return ticks

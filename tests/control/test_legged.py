@@ -22,7 +22,6 @@ from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor
 from lgmpc.lie import so3
 from lgmpc.locomotion.legs import LegGeometry
-from lgmpc.mpc import MpcStatus
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import lying_posture, place_feet
 from lgmpc.status import Status
@@ -63,7 +62,7 @@ def test_a_state_that_is_not_finite_keeps_the_last_torques_with_damping(
             np.testing.assert_array_equal(command.tau, good.tau)
             assert (command.kd > 0.0).all()
     assert controller.wbc.status is Status.NOT_FINITE
-    assert controller.report.plan is not None and controller.report.plan.status is MpcStatus.NOT_FINITE
+    assert controller.report.plan is not None and controller.report.plan.status is Status.NOT_FINITE
     assert len([record for record in caplog.records if "whole-body" in record.message]) == 1
     recovered = controller.update(RobotState(0.03, robot.q_reference, rest))
     assert controller.wbc.status is Status.CONVERGED
@@ -82,12 +81,12 @@ def test_a_stale_plan_is_not_followed(controller: LeggedController, robot: Robot
         command = controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
         assert controller.wbc.status is Status.CONVERGED
         assert np.isfinite(command.tau).all()
-    assert planner.plan is not None and planner.plan.status is MpcStatus.STALE
+    assert planner.plan is not None and planner.plan.status is Status.STALE
     np.testing.assert_array_equal(controller.wbc.tasks["com"].target.position, controller.target)
     mass[:] = robot.mass
     for k in range(80, 100):
         controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
-    assert planner.plan is not None and planner.plan.status is MpcStatus.SOLVED
+    assert planner.plan is not None and planner.plan.status is Status.STEPPED
 
 
 def test_a_tick_without_solution_is_left_out_of_the_observation(controller: LeggedController, robot: Robot) -> None:
@@ -187,7 +186,7 @@ def test_targets_that_no_plan_has_are_those_of_standing(robot: Robot, broken: bo
         if broken:
             planner.mpc.problem.view("mass")[:] = np.nan  # type: ignore[attr-defined]
         controller.update(RobotState(1e-3 * k, robot.q_reference, rest))
-    assert planner.plan is not None and planner.plan.status is (MpcStatus.STALE if broken else MpcStatus.SOLVED)
+    assert planner.plan is not None and planner.plan.status is (Status.STALE if broken else Status.STEPPED)
     np.testing.assert_allclose(base.rotation, upright, atol=1e-12)
     np.testing.assert_array_equal(posture.position, robot.q_reference[robot.joint_q])
     np.testing.assert_allclose(momentum.rate, 0.0, atol=0.05)

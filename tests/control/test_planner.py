@@ -8,7 +8,8 @@ import pytest
 from lgmpc.config.build import build_controller, build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.control.planner import PlanSampler
-from lgmpc.mpc import MpcStatus, Plan
+from lgmpc.mpc import Plan
+from lgmpc.status import Status
 from lgmpc.timegrid import TimeGrid
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
@@ -32,7 +33,7 @@ def test_the_observed_push_is_at_most_three_times_the_robot_s_weight() -> None:
 def test_the_sampler_reads_the_plan_by_time() -> None:
     rng = np.random.default_rng(3)
     xs, forces = rng.normal(size=(21, 9)), rng.normal(size=(20, 4, 3))
-    plan = Plan(2.0, 0.02, 2.5, xs, forces, MpcStatus.SOLVED, 1, 0.0)
+    plan = Plan(2.0, 0.02, 2.5, xs, forces, Status.STEPPED, 1, 0.0)
     sampler = PlanSampler(TimeGrid(0.001, 10), 4)
     with pytest.raises(ValueError, match="no plan"):
         sampler.row(2.0)

@@ -12,8 +12,9 @@ import pytest
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import FallbackMpc, MeasuredState, Mpc, MpcStatus, Plan, make_mpc
+from lgmpc.mpc import FallbackMpc, MeasuredState, Mpc, Plan, make_mpc
 from lgmpc.robot import Robot
+from lgmpc.status import Status
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance_full_body.yaml"
@@ -61,7 +62,7 @@ def test_the_centroidal_model_plans_while_the_legs_would_be_stretched(mpc: Fallb
     plans = [update(mpc, k, PUSHED if k in (1, 2) else CALM) for k in range(9)]
     # The multibody model pauses for four updates, and its first plan after that, made without a guess, is not followed.
     assert [k for k, plan in enumerate(plans) if not by_legs(plan)] == [1, 2, 3, 4, 5, 6]
-    assert all(plan.status is MpcStatus.SOLVED for plan in plans)
+    assert all(plan.status is Status.STEPPED for plan in plans)
     assert mpc.fallback_updates == 6
 
 
@@ -81,7 +82,7 @@ def test_the_centroidal_model_plans_when_the_other_fails(mpc: FallbackMpc) -> No
         plan = update(mpc, 1)
     finally:
         weights[:] = kept
-    assert plan.status is MpcStatus.SOLVED and not by_legs(plan)
+    assert plan.status is Status.STEPPED and not by_legs(plan)
     assert mpc.mpc.failures == 1 and mpc.failures == 0
     np.testing.assert_allclose(plan.forces, good.forces, atol=0.05)
 
@@ -91,7 +92,7 @@ def test_a_state_that_is_not_finite_fails_both(mpc: FallbackMpc) -> None:
     q = made()[0].q_reference.copy()
     q[9] = np.nan
     plan = update(mpc, 1, q=q)
-    assert plan.status is MpcStatus.NOT_FINITE
+    assert plan.status is Status.NOT_FINITE
     np.testing.assert_array_equal(plan.forces, good.forces)
 
 

@@ -12,9 +12,10 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import FullBodyMpc, FullBodyMpcSettings, MeasuredState, MpcStatus, Plan
+from lgmpc.mpc import FullBodyMpc, FullBodyMpcSettings, MeasuredState, Plan
 from lgmpc.mpc.full_body import FootPaths, contact_point_model, holding_efforts
 from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.status import Status
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 STANCE = np.ones(4, dtype=bool)
@@ -82,7 +83,7 @@ def pushed(speed: float) -> np.ndarray:
 
 def test_standing_still_needs_the_weight_and_no_motion(mpc: FullBodyMpc) -> None:
     plan = update(mpc)
-    assert plan.status is MpcStatus.SOLVED
+    assert plan.status is Status.STEPPED
     np.testing.assert_allclose(plan.forces.sum(axis=1), np.tile([0.0, 0.0, solo().mass * 9.81], (20, 1)), atol=1e-4)
     np.testing.assert_allclose(plan.xs, np.tile(standing(), (21, 1)), atol=1e-5)
     assert plan.posture is not None
@@ -96,7 +97,7 @@ def test_the_plan_begins_with_the_measured_momentum_and_obeys_newton(mpc: FullBo
     wrench = np.array([4.0, -2.0, 1.0, 0.1, 0.0, 0.05])
     for i in range(4):  # iterations at the same time and state
         plan = update(mpc, 0.0, v, q=q, wrench=wrench)
-        assert plan.status is MpcStatus.SOLVED, i
+        assert plan.status is Status.STEPPED, i
     data = solo().create_data()
     momentum = pin.computeCentroidalMomentum(solo().model, data, q, v).vector
     np.testing.assert_allclose(plan.xs[0], np.r_[data.com[0], momentum], atol=1e-9)
@@ -114,7 +115,7 @@ def test_known_wrench_is_met_at_once(mpc: FullBodyMpc) -> None:
 def test_forces_do_not_slip_when_pushed(mpc: FullBodyMpc) -> None:
     for i in range(5):
         plan = update(mpc, 0.0, pushed(0.4), friction=0.45)
-        assert plan.status is MpcStatus.SOLVED, i
+        assert plan.status is Status.STEPPED, i
     slip = np.linalg.norm(plan.forces[..., :2], axis=-1) - 0.45 * plan.forces[..., 2]
     assert -0.2 < slip.max() < 0.01  # friction is used to its limit
     assert plan.forces[..., 2].min() == pytest.approx(0.5, abs=0.01)  # and a foot unloaded to its
@@ -123,7 +124,7 @@ def test_forces_do_not_slip_when_pushed(mpc: FullBodyMpc) -> None:
 def test_torques_keep_their_limits_when_pushed_hard(mpc: FullBodyMpc) -> None:
     for i in range(4):
         plan = update(mpc, 0.0, pushed(0.5))
-        assert plan.status is MpcStatus.SOLVED, i
+        assert plan.status is Status.STEPPED, i
     assert np.abs(mpc.solver.us).max() == pytest.approx(1.8, abs=1e-5)  # they are needed
 
 
@@ -132,7 +133,7 @@ def test_foot_in_the_air_has_exactly_no_force(mpc: FullBodyMpc) -> None:
     flags[5:12, 2] = False
     for _ in range(3):
         plan = update(mpc, flags=flags)
-        assert plan.status is MpcStatus.SOLVED
+        assert plan.status is Status.STEPPED
     assert (plan.forces[5:12, 2] == 0.0).all()
     assert (np.delete(plan.forces, 2, axis=1)[5:12, :, 2] > 0.4).all()
     assert plan.forces[:5, 2, 2].min() > 0.4 and plan.forces[12:, 2, 2].min() > 0.4
@@ -170,19 +171,19 @@ def test_not_finite_input_keeps_the_last_plan(mpc: FullBodyMpc, broken: str, cap
         change = {broken: value}
     with caplog.at_level(logging.WARNING):
         plans = [update(mpc, t, **{"v": np.zeros(18), **change}) for _ in range(7)]
-    assert [plan.status for plan in plans] == [MpcStatus.NOT_FINITE] * 5 + [MpcStatus.STALE] * 2
+    assert [plan.status for plan in plans] == [Status.NOT_FINITE] * 5 + [Status.STALE] * 2
     for plan in plans:
         assert plan.time == good.time
         np.testing.assert_array_equal(plan.forces, good.forces)
         assert plan.posture is good.posture
     assert mpc.failures == 7 and len(caplog.records) == 1
     recovered = update(mpc, 0.2)
-    assert recovered.status is MpcStatus.SOLVED and recovered.time == 0.2 and mpc.failures_in_a_row == 0
+    assert recovered.status is Status.STEPPED and recovered.time == 0.2 and mpc.failures_in_a_row == 0
 
 
 def test_before_any_success_it_stands(mpc: FullBodyMpc) -> None:
     plan = update(mpc, 0.3, np.full(18, np.nan), flags=np.array([True, False, True, True]))
-    assert plan.status is MpcStatus.NOT_FINITE
+    assert plan.status is Status.NOT_FINITE
     np.testing.assert_allclose(plan.first_forces[:, 2], solo().mass * 9.81 / 3 * np.array([1.0, 0.0, 1.0, 1.0]))
     assert plan.posture is not None
     sample = plan.posture.sample_at(np.array([0.3, 0.5]))
@@ -198,7 +199,7 @@ def test_absurd_states_end_in_a_status(mpc: FullBodyMpc, speed: float) -> None:
         plan = update(mpc, 0.02 * (i + 1), speed * np.ones(18))
         assert np.isfinite(plan.xs).all() and np.isfinite(plan.forces).all()
     back = [update(mpc, 0.1 + 0.02 * i) for i in range(8)]
-    assert back[-1].status.fresh
+    assert back[-1].status.usable
     assert back[-1].first_forces[:, 2].sum() == pytest.approx(solo().mass * 9.81, rel=0.02)
 
 

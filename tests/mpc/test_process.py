@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
-from lgmpc.mpc import CentroidalMpcSettings, MeasuredState, MpcStatus, Plan
+from lgmpc.mpc import CentroidalMpcSettings, MeasuredState, Plan
 from lgmpc.mpc.process import ProcessMpc, SharedValues
+from lgmpc.status import Status
 
 N = 4
 SETTINGS = CentroidalMpcSettings(nodes=N, node_s=0.05)
@@ -34,7 +35,7 @@ class Slow:
         time.sleep(self.seconds)
         self.updates += 1
         xs = np.tile(np.concatenate([state.com, state.momentum]), (N + 1, 1))
-        return Plan(state.time, 0.05, float(self.updates), xs, np.zeros((N, 1, 3)), MpcStatus.SOLVED, 0, 0.0)
+        return Plan(state.time, 0.05, float(self.updates), xs, np.zeros((N, 1, 3)), Status.STEPPED, 0, 0.0)
 
 
 def apart(seconds: float) -> ProcessMpc:
@@ -74,8 +75,8 @@ def test_updates_do_not_wait_and_the_next_one_takes_the_plan(shared: ProcessMpc)
 
 def test_a_plan_from_half_a_horizon_ago_is_stale(shared: ProcessMpc) -> None:
     before = update(shared, 2.0).time
-    assert update(shared, before + 0.09).status is MpcStatus.SOLVED
-    assert update(shared, before + 0.11).status is MpcStatus.STALE
+    assert update(shared, before + 0.09).status is Status.STEPPED
+    assert update(shared, before + 0.11).status is Status.STALE
 
 
 def test_plans_from_before_a_reset_are_not_followed(shared: ProcessMpc) -> None:
@@ -83,13 +84,13 @@ def test_plans_from_before_a_reset_are_not_followed(shared: ProcessMpc) -> None:
     update(shared, 3.0)
     update(shared, 3.01)  # under way when the reset comes
     shared.reset()
-    assert update(shared, 3.02).status is MpcStatus.STALE
+    assert update(shared, 3.02).status is Status.STALE
     arrival(shared)
-    assert update(shared, 3.03).status is MpcStatus.STALE  # that was the one from before
-    assert update(shared, 3.04).status is MpcStatus.STALE
+    assert update(shared, 3.03).status is Status.STALE  # that was the one from before
+    assert update(shared, 3.04).status is Status.STALE
     arrival(shared)
     plan = update(shared, 3.05)
-    assert (plan.status, plan.time, plan.mass) == (MpcStatus.SOLVED, 3.04, 1.0)
+    assert (plan.status, plan.time, plan.mass) == (Status.STEPPED, 3.04, 1.0)
 
 
 @pytest.mark.slow
@@ -128,9 +129,9 @@ def test_values_go_through_shared_memory_and_others_are_sent_whole() -> None:
             contacts.flags[:], contacts.points[:] = rng.random((size, 2)) > 0.5, rng.normal(size=(size, 2, 3))
             nodes = rng.normal(size=(4, 3))
             motion = MotionReference(nodes, nodes.T, np.zeros((4, 0)), nodes, True, legs)
-            plan = Plan(rng.normal(), 0.05, 2.0, nodes, nodes, MpcStatus.INACCURATE, 3, np.nan)
+            plan = Plan(rng.normal(), 0.05, 2.0, nodes, nodes, Status.ACCEPTABLE, 3, np.nan)
             number, horizon, reference, found = passed(7, contacts, motion, plan)
-            assert number == 7 and type(number) is int and found.status is MpcStatus.INACCURATE
+            assert number == 7 and type(number) is int and found.status is Status.ACCEPTABLE
             assert found.time == plan.time and type(found.qp_iterations) is int and np.isnan(found.update_time)
             assert found.posture is None and reference.catching is True and (reference.legs is None) == (legs is None)
             for mine, given in ((horizon.flags, contacts.flags), (horizon.points, contacts.points), (found.xs, nodes)):

@@ -22,6 +22,7 @@ from lgmpc.config.build import build_controller, build_estimator, build_robot
 from lgmpc.control import Command, Measurement
 from lgmpc.hardware import JointLimits, deploy
 from lgmpc.locomotion.command import CommandFunction, MotionCommand
+from lgmpc.simulation import control_ticks
 
 
 class RosDriver(Node):
@@ -74,7 +75,6 @@ if __name__ == "__main__":
     controller.commands = CommandFunction(twist_of)
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
     limits = JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit)
-    period, settings = 1.0 / config.wbc.rate_hz, config.deployment
-    length = config.duration_s
-    print(deploy(node, controller, estimator, period_s=period, duration_s=length, settings=settings, limits=limits))
+    ticks = control_ticks(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
+    print(deploy(node, controller, estimator, ticks=ticks, settings=config.deployment, limits=limits))
     rclpy.shutdown()

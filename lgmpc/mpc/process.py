@@ -70,11 +70,6 @@ class ProcessMpc:
         """Whether a plan has arrived, which the next update returns."""
         return self._asked and bool(self._poller.poll(0))
 
-    @property
-    def process_id(self) -> int | None:
-        """Number of the process."""
-        return self._process.pid
-
     def reset(self) -> None:
         """Discard all history: the last plan is not followed any more, and the process begins anew."""
         self._number += 1

@@ -191,11 +191,6 @@ class RunLog(ArrayFile):
         return self.ticks if finite.all() else int(np.argmin(finite))
 
     @property
-    def estimated(self) -> bool:
-        """Whether the controller received an estimate."""
-        return self.estimate_q is not None
-
-    @property
     def commanded(self) -> bool:
         """Whether the robot was commanded to move at some time."""
         return bool(self.command.any())

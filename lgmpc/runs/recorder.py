@@ -120,11 +120,6 @@ class Recorder:
         """Number of control ticks recorded so far."""
         return self._ticks.count
 
-    @property
-    def mpc_updates(self) -> int:
-        """Number of MPC updates recorded so far."""
-        return self._updates.count
-
     def append(self, channels: Mapping[str, ArrayLike]) -> None:
         """Copy one control tick.
 

@@ -12,6 +12,7 @@ from lgmpc.control.reference import MotionTasks
 from lgmpc.errors import InputError
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.robot import Robot, RobotSpec, load_robot
+from lgmpc.timegrid import TimeGrid
 from lgmpc.wbc import WholeBodyController, WholeBodySettings, WholeBodyTerms
 from tests.support.displaced import DISPLACEMENTS, Displacement
 
@@ -150,7 +151,7 @@ def performed(robot: Robot, plan: Displacement, move: Displacement) -> dict[str,
         flies = not present.stance.any()
         present.advance(np.full(4, not flies or q[2] < start + 0.04))
         if tick % 5 == 0:
-            present.write_horizon(0.02, 0.5, motion, contacts)
+            present.write_horizon(TimeGrid(0.02, len(contacts.flags)), 0.5, motion, contacts)
         com, base = wbc.tasks["com"].target, wbc.tasks["base_orientation"].target
         rows = {
             "com": com.position, "com_velocity": com.velocity, "com_acceleration": com.acceleration,

@@ -246,8 +246,8 @@ def test_a_robot_trots_on_while_its_mpcs_process_stops_and_ends(
 
     def faulty(self: ProcessMpc, state: Any, *arguments: Any) -> Any:
         for at in [at for at in faults if state.time >= at]:
-            assert self.process_id is not None
-            os.kill(self.process_id, faults.pop(at))
+            assert self._process.pid is not None
+            os.kill(self._process.pid, faults.pop(at))
         seen.append(self)
         return update(self, state, *arguments)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -98,8 +96,7 @@ def test_a_process_that_ends_is_started_anew(caplog: pytest.LogCaptureFixture) -
     mpc = apart(0.0)
     try:
         first = update(mpc, 0.0)
-        assert mpc.process_id is not None
-        os.kill(mpc.process_id, signal.SIGKILL)
+        mpc._process.kill()
         time.sleep(0.1)
         for t in (0.01, 0.02):
             assert update(mpc, t).time == first.time

@@ -89,7 +89,7 @@ def test_a_folder_keeps_it(estimated: RunLog, tmp_path: Path) -> None:
 
 
 def test_runs_without_an_estimate_are_read_as_before(standing: RunLog) -> None:
-    assert not standing.estimated and set(channels_of(RunLog, "estimate")).isdisjoint(standing.arrays())
+    assert standing.estimate_q is None and set(channels_of(RunLog, "estimate")).isdisjoint(standing.arrays())
     again = RunLog.from_arrays(standing.arrays())
     assert again.estimate_q is None and again.decimated(2).estimate_ms is None
     metrics = compute_metrics(again)

@@ -2,7 +2,8 @@
 
 Runs the balance config in this process several times and prints medians with the machine and the versions beside them
 (the factor by the wall clock, and by processor time, which other processes on the machine disturb less);
-once more with a stopwatch around every part; then starts fresh processes to time what a user waits for, with an empty
+once more with a stopwatch around every part; then the Gymnasium environment of a walking robot, if it is installed,
+beside the same loop without it; then starts fresh processes to time what a user waits for, with an empty
 compile cache and with a warm one.
 
     python scripts/bench_loop.py [--model centroidal|full_body] [--repeats 5] [--skip-start]
@@ -20,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -91,6 +93,25 @@ def part_shares(config_file: Path, overrides: list[str]) -> tuple[dict[str, floa
     return {**stopwatch.spent, "interpreter": elapsed - sum(stopwatch.spent.values())}, session.ticks.count
 
 
+def environment_factors(duration_s: float, rate_hz: float = 50.0) -> dict[str, float]:
+    """Return the real-time factors by processor time of the walking environment, and of ``lgmpc run``'s loop."""
+    from lgmpc.gym import LocomotionEnv
+
+    env = LocomotionEnv("solo12_velocity", overrides=["pushes=[]"], rate_hz=rate_hz, episode_s=duration_s)
+    env.reset(seed=0, options={"goal": [0.5, 0.0, 0.0]})
+    still, steps = np.zeros(env.action_space.shape), round(duration_s * rate_hz) - 1
+    begin = time.process_time()
+    for _ in range(steps):
+        env.step(still)
+    stepped = steps / rate_hz / (time.process_time() - begin)
+    walk = "commands=[{at_s: 0, velocity_m_s: [0.5, 0, 0], gait: trot}]"
+    session = prepare(load_config("solo12_velocity", [walk, "pushes=[]", f"duration_s={duration_s}"]))
+    assert isinstance(session, ClosedLoopSession)
+    begin = time.process_time()
+    session.advance(lambda progress: None)
+    return {"environment": stepped, "loop": duration_s / (time.process_time() - begin)}
+
+
 def first_command_s(config_file: Path, cache: str) -> float:
     """Return the seconds from starting Python to the first torque, with the compiled libraries of folder ``cache``."""
     begin = time.perf_counter()
@@ -143,6 +164,11 @@ def main() -> None:
     print("\npart                us a tick   share")
     for part, spent in sorted(shares.items(), key=lambda item: -item[1]):
         print(f"{part:18s} {1e6 * spent / ticks:10.1f} {100 * spent / sum(shares.values()):6.1f} %")
+    if find_spec("gymnasium") is not None:
+        walking = [environment_factors(8.0) for _ in range(arguments.repeats)]
+        for name in ("environment", "loop"):
+            figures[f"walking {name}"] = float(np.median([each[name] for each in walking]))
+            print(f"walking {name:14s} median {figures[f'walking {name}']:6.2f} times real time by processor time")
     print()
     if not arguments.skip_start:
         with tempfile.TemporaryDirectory() as cache:

@@ -8,7 +8,6 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 
@@ -231,17 +230,14 @@ class DeploymentSession:
             if self.watch is not None:
                 self.watch(recorded)
 
-        def plan() -> None:
-            begun = perf_counter()
-            if planner is not None and planner.finish(controller.wbc.terms):
-                report = controller.report
-                spent = report.plan_ms + 1e3 * (perf_counter() - begun)
-                controller.report = report._replace(plan=planner.plan, plan_ms=spent)
+        def finish() -> None:
+            controller.finish()
             if apart is not None and planner is not None and apart.arrived:
                 planner.expire()  # the next tick takes the plan
 
         robot, controller, planner = self.controller.robot, self.controller, self.controller.planner
         apart = planner.mpc if planner is not None and isinstance(planner.mpc, ProcessMpc) else None
+        controller.finishes = False
         controller.commands = _LyingAtTheEnd(controller.commands, self.operator)
         with closing(apart) if apart is not None else nullcontext():
             driver = self.driver(robot)
@@ -251,7 +247,7 @@ class DeploymentSession:
                 self.legs,
                 ticks=self.ticks,
                 settings=self.config.deployment,
-                after_command=plan,
+                after_command=finish,
                 on_tick=record,
                 limits=JointLimits(robot.joint_names, robot.effort_limit, robot.velocity_limit),
                 operator=self.operator,

@@ -76,6 +76,7 @@ class LeggedController:
         joint_friction: as given.
         faults: motors that have lost torque.
         report: of the last update.
+        finishes: whether an update calls :meth:`finish`; unset by loops that do so once the command is sent.
     """
 
     def __init__(
@@ -106,21 +107,18 @@ class LeggedController:
         self.commands: CommandSource = CommandTimeline(()) if commands is None else commands
         self._desired = DesiredMotion(robot, self.feet.legs, settings, offset)
         self.target, self.base_target = self._desired.target, self._desired.base_target
-        delayed = delays is not None and delays.total_s > 0.0
-        self._predictor = StatePredictor(robot, period, delays) if delays is not None and delayed else None
-        self._measured = WholeBodyTerms(robot) if delayed else wbc.terms
+        self._predictor = StatePredictor(robot, period, delays) if delays is not None and delays.total_s > 0.0 else None
+        self._measured = wbc.terms if self._predictor is None else WholeBodyTerms(robot)
         self.joint_friction = joint_friction
         self._references = JointReferences(robot, DriveSettings() if drives is None else drives, period)
         self.faults = JointFaults(joint_faults, robot, wbc, self.feet, self._references)
         found = floor, self._predictor, joint_friction, self.faults, planner and planner.observer
         self._estimators: list[Any] = [each for each in found if each is not None]
-        self._period = period
-        self._time, self._elapsed = math.nan, period
+        self._period, self._time, self._elapsed = period, math.nan, period
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
         self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass)
         self._mode_settings = ModeSettings() if modes is None else modes
-        self.modes = ModeMachine()
-        self._inputs = TransitionInputs()
+        self.modes, self._inputs = ModeMachine(), TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
         self._rest = RestMonitor(self._mode_settings.lie_still_s, self._mode_settings.rearm == "automatic")
         self._performer = Performer(robot, maneuvers, wbc, self._tasks, self.feet, period)
@@ -128,9 +126,9 @@ class LeggedController:
         self._rise_motion = RiseMotion(self._mode_settings.lying)
         self._weight = -robot.mass * robot.gravity
         self._standing_forces = np.tile(self._weight / robot.nc, (robot.nc, 1))
-        self._begun = self._waits = False
+        self._begun, self._waits, self.finishes = False, False, True
         self._joints, self._rates = robot.joint_q, robot.joint_v
-        self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
+        self._planned, self._plan_s = False, 0.0
         self.report = self._report(math.nan, 0.0)._replace(tick_ms=0.0)
 
     @property
@@ -143,6 +141,7 @@ class LeggedController:
         self._begun, self._waits, self._time = False, False, math.nan
         self._performer.reset()
         self.modes.begin(Mode.DAMP)
+        self.push_steps.stop()
         self.wbc.reset()
         for each in self._estimators:
             each.reset()
@@ -157,20 +156,33 @@ class LeggedController:
     def update(self, state: RobotState) -> Command:
         """Return the joint command for the measured state; never raises for what the robot does."""
         started = perf_counter()
-        self._planned, self._plan_s, self._forecast_s = False, 0.0, 0.0
+        self._planned, self._plan_s = False, 0.0
         command = self._decide(state)
         self.report = self._report(state.time, started)
+        if self.finishes:
+            self.finish()
         return command
+
+    def finish(self) -> None:
+        """Make a deferred plan, or the next forecast of steps: what the command of this tick does not need."""
+        started, planner, report = perf_counter(), self.planner, self.report
+        if planner is None:
+            return
+        if planner.finish(self.wbc.terms):
+            report = report._replace(plan=planner.plan, plan_ms=report.plan_ms + 1e3 * (perf_counter() - started))
+        elif self.push_steps.evaluate(planner):
+            report = report._replace(forecast_ms=1e3 * (perf_counter() - started))
+        self.report = report
 
     def _report(self, time: float, started: float) -> TickReport:
         """Return the report of the tick that began at ``started`` on the clock, s."""
-        wbc, feet, terms, spent = self.wbc, self.feet, self.wbc.terms, self._plan_s + self._forecast_s
+        wbc, feet, terms = self.wbc, self.feet, self.wbc.terms
         return TickReport(
             time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.points.spread(feet.stance),
             feet.points.spread(feet.events.states), terms.contact_points, terms.com, terms.momentum, self.target,
             self.base_target, feet.targets, feet.point_footholds, wbc.forces, wbc.external_wrench,
             wbc.joint_friction, wbc.status, None if self.planner is None else self.planner.plan, self._planned,
-            1e3 * (perf_counter() - started - spent), 1e3 * self._plan_s, 1e3 * self._forecast_s,
+            1e3 * (perf_counter() - started - self._plan_s), 1e3 * self._plan_s, 0.0,
         )  # fmt: skip
 
     def _decide(self, state: RobotState) -> Command:
@@ -238,11 +250,9 @@ class LeggedController:
             steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces)
             self._inputs.reacting |= steps.return_feet(time, self._motion, self.command.moves, self._mode_settings)
             self._planned, self._plan_s = True, perf_counter() - started
-        elif steps.deciding:
-            if steps.decide(time, planner):
-                self._inputs.reacting = True
-                planner.expire()
-            self._forecast_s = perf_counter() - started
+        elif steps.decide(time, planner):
+            self._inputs.reacting = True
+            planner.expire()
         if not (follows and planner.follow(time, self._tasks, wbc.contacts)):
             self._desired.write_balance(self._tasks)
 
@@ -369,7 +379,8 @@ class LeggedController:
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals, feet.points.spread(feet.stance)
         )
         wbc.use_stepping_weights(feet.stepping)
-        wbc.move_hands(time, self._elapsed)
+        for hand in wbc.hands:
+            hand.update(time, self._elapsed, terms.q)
         self._desired.write_targets(self._tasks, time, feet.ground)
         if lifting or self.planner is None:
             self._desired.write_balance(self._tasks)

@@ -124,7 +124,8 @@ class Performance:
     def advance(self, contacts: BoolArray | None) -> None:
         """Advance by one tick, and write the targets; ``contacts`` (nc,) are measured, None where they are not."""
         self.landed, self._rate = False, 1.0
-        flight = self._flight(self._row + 1) or self._early_flight()
+        planned = (each for each in self._flights if each[0] <= self._row + 1 < each[1])
+        flight = next(planned, None) or self._early_flight()
         if flight is None:
             self._row += 1
         else:
@@ -161,10 +162,6 @@ class Performance:
         contacts.points[stays] = np.broadcast_to(self._wbc.terms.contact_points, contacts.points.shape)[stays]
         contacts.normals[:] = self._wbc.terms.normals
         contacts.friction[:] = friction
-
-    def _flight(self, row: int) -> tuple[int, int] | None:
-        """Return the flight that a tick is in."""
-        return next(((begin, end) for begin, end in self._flights if begin <= row < end), None)
 
     def _fly(self, begin: int, end: int, contacts: BoolArray | None) -> None:
         """Advance in a flight: to its end if a foot touches early, no further than its end until one does."""

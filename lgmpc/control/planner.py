@@ -87,14 +87,11 @@ class Planner:
         ticks = self._sampler.ticks
         return self.plan is None or self._expired or ticks.nearest(time) >= ticks.count
 
-    def plan_from(self, time: float, terms: WholeBodyTerms) -> Plan:
-        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; return the plan that is followed."""
-        followed = self.plan
-        self._expired = False
-        if self.deferred and followed is not None:
-            self._asked = time
-            return followed
-        return self._make(time, terms)
+    def plan_from(self, time: float, terms: WholeBodyTerms) -> None:
+        """Plan from the sensed state, :attr:`contacts` and :attr:`motion`; where deferred, in :meth:`finish`."""
+        self._expired, self._asked = False, time
+        if self.plan is None or not self.deferred:
+            self.finish(terms)
 
     def finish(self, terms: WholeBodyTerms) -> bool:
         """Make the plan that this tick has left; return whether there was one. It is followed from the next tick on.
@@ -102,16 +99,12 @@ class Planner:
         To be called in the same tick: state, contacts and motion are those of :meth:`plan_from`.
         """
         time, self._asked = self._asked, math.nan
-        if math.isnan(time) or self.plan is None:
+        if math.isnan(time):
             return False
-        self._make(time, terms)
-        return True
-
-    def _make(self, time: float, terms: WholeBodyTerms) -> Plan:
         plan = self.mpc.update(self.state(time, terms), self.contacts, self.motion, self.wrench)
         self._sampler.load(plan, time)
         self.load.update(self.observer.wrench)
-        return plan
+        return True
 
     def state(self, time: float, terms: WholeBodyTerms) -> MeasuredState:
         """Return the sensed state, whose arrays change at the next tick."""

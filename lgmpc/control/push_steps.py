@@ -55,8 +55,8 @@ class PushSteps:
 
     The MPC's plan is the prediction; a robot on soles, which does not follow its plan while it stands, is judged by its
     measured motion. If the capture point leaves the support, the same MPC plans from the measured state with every
-    schedule of steps, one update per tick so that no tick is late, and the schedule of least cost is executed. After
-    its first cycles the robot steps back to its initial position, and stands.
+    schedule of steps, one update after each command, and the schedule of least cost is executed. After its first cycles
+    the robot steps back to its initial position, and stands.
 
     Args:
         settings: see :class:`~lgmpc.locomotion.reaction.StepReactionSettings`.
@@ -139,11 +139,11 @@ class PushSteps:
             loads = self._feet.points.total(np.sum(forces * terms.normals, axis=1))
             self._pushed = _Pushed(state, planner.wrench, motion, desired, contacts, friction, loads)
 
-    def decide(self, time: float, planner: Planner) -> bool:
-        """Evaluate the next schedule, if a decision is under way; return whether steps begin at ``time``, s."""
-        if not self.deciding or self._pushed is None:
-            return False
+    def evaluate(self, planner: Planner) -> bool:
+        """Update the forecast of the next schedule, if a decision is under way; return whether one is."""
         pushed = self._pushed
+        if not self.deciding or pushed is None or len(self.costs) == len(self._schedules):
+            return False
         schedule = self._schedules[len(self.costs)]
         if self._updates == 0:
             self._write_horizon(schedule, pushed, planner.horizon)
@@ -155,17 +155,21 @@ class PushSteps:
         self._guess = mpc.state()
         mpc.set_state(kept)
         self._updates += 1
-        if self._updates < 2:  # the first one leads from the last schedule's solution to near this one's
-            return False
-        self._updates = 0
-        self._guesses.append(self._guess)
-        self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if plan.status.usable else math.inf)
-        if len(self.costs) < len(self._schedules):
+        if self._updates == 2:  # the first one leads from the last schedule's solution to near this one's
+            self._updates, fresh = 0, plan.status.usable
+            self._guesses.append(self._guess)
+            self.costs.append(forecast_cost(plan.xs, pushed.desired.com, self._mass) if fresh else math.inf)
+        return True
+
+    def decide(self, time: float, planner: Planner) -> bool:
+        """Return whether steps begin at ``time``, s: those of least cost, once all schedules are evaluated."""
+        pushed = self._pushed
+        if not self.deciding or pushed is None or len(self.costs) < len(self._schedules):
             return False
         self.deciding = False
         chosen = least(self.costs, [each.load(pushed.forces) for each in self._schedules])
         best = self._schedules[chosen]
-        mpc.set_state(self._guesses[chosen])  # which the next plan is near
+        planner.mpc.set_state(self._guesses[chosen])  # which the next plan is near
         _LOG.info("steps against a push at %.3f s: %s", time, best)
         if not self.active:
             self._home = self._reference.x, self._reference.y, self._reference.yaw

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Annotated, Literal, Protocol, get_args
 
 from pydantic import AfterValidator, Field, field_validator
@@ -77,7 +78,7 @@ class CommandFunction:
         if not isinstance(command, MotionCommand):
             raise InputError("command", type(command).__name__, "a MotionCommand")
         for name in ("vx", "vy", "yaw_rate", "height", "pitch", "roll"):
-            if not _is_finite(value := getattr(command, name)):
+            if not (isinstance(value := getattr(command, name), Real) and math.isfinite(value)):
                 raise InputError(f"command.{name}", value, "a finite number")
         if command.mode not in get_args(ModeRequest):
             raise InputError("command.mode", command.mode, "a mode to request", get_args(ModeRequest))
@@ -281,13 +282,6 @@ class CommandLimiter:
             command.maneuver,
         )
         return self.command
-
-
-def _is_finite(value: object) -> bool:
-    try:
-        return math.isfinite(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return False
 
 
 def _approach(value: float, target: float, step: float) -> float:

@@ -147,10 +147,6 @@ class _Walk:
         """Yield the intervals ``[a, b)`` of ticks in which command, gait period and push are constant."""
         yield from _constant_intervals(self.command, self.period, self.log.push)
 
-    def demanded(self) -> Iterator[tuple[int, int]]:
-        """Yield the intervals ``[a, b)`` of ticks in which command and push are constant, of any gait."""
-        yield from _constant_intervals(self.command, self.log.push)
-
     def stride(self, tick: int) -> int:
         """Return the number of ticks of the gait cycle at a tick."""
         return max(1, round(float(self.period[tick]) / self.dt))
@@ -246,7 +242,7 @@ def _recovery_time(walk: _Walk) -> float | None:
     longest = 0.0
     for push in pushes:
         first = int(np.searchsorted(walk.time, push.end - 0.5 * walk.dt))
-        last = next(b for _, b in walk.demanded() if first < b)
+        last = next(b for _, b in _constant_intervals(walk.command, walk.log.push) if first < b)
         window = walk.stride(last - 1)  # of the gait after the recovery; steps against pushes have another period
         begin = max(0, first + 1 - window)
         errors = stride_mean((walk.velocity - walk.command)[begin:last, :2], window)

@@ -122,11 +122,6 @@ class WholeBodyController:
         for hand in self.hands:
             hand.begin(self.terms)
 
-    def move_hands(self, time: float, elapsed: float) -> None:
-        """Write the hands' targets at a time, s; ``elapsed`` s after the last ones."""
-        for hand in self.hands:
-            hand.update(time, elapsed, self.terms.q)
-
     def use_stepping_weights(self, stepping: bool) -> None:
         """Set the tasks' weights to those of a robot that steps, or to their own; returns at once if unchanged.
 

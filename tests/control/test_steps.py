@@ -23,7 +23,11 @@ CONFIG = Path(__file__).parents[2] / "configs" / "solo12_step_recovery.yaml"
 
 
 def pushed(
-    *impulses: tuple[float, float], seconds: float, overrides: tuple[str, ...] = (), lasting: float = 0.2
+    *impulses: tuple[float, float],
+    seconds: float,
+    overrides: tuple[str, ...] = (),
+    lasting: float = 0.2,
+    finished_apart: bool = False,
 ) -> ClosedLoopSession:
     """Return the session after pushes ahead and to the left, N.s, the first after 0.3 s, one every 6 s."""
     pushes = ", ".join(
@@ -32,6 +36,9 @@ def pushed(
     )
     session = prepare(load_config(CONFIG, [f"pushes=[{pushes}]", f"duration_s={seconds}", *overrides]))
     assert isinstance(session, ClosedLoopSession)
+    if finished_apart:
+        controller = session.controller
+        controller.finishes, session.watch = False, lambda _: controller.finish() is None
     session.run(lambda progress: None)
     return session
 
@@ -72,6 +79,10 @@ def test_the_schedule_followed_is_the_best_of_those_evaluated() -> None:
     assert stance is not None
     first = stance[np.flatnonzero(~stance.all(axis=1))[0]]
     assert any(not first[schedule.first] for schedule in close)
+    # As of a loop that has forecasts made once the command is sent.
+    apart = pushed((2.75, 4.76), seconds=0.55, finished_apart=True)
+    assert apart.controller.push_steps.costs == steps.costs
+    np.testing.assert_array_equal(apart.recorder.log().q, session.recorder.log().q)
 
 
 @pytest.mark.parametrize(
@@ -109,8 +120,8 @@ def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
     assert planner is not None
     feet.begin(0.0, terms.contact_points, None)
     steps.watch(0.0, planner, terms, motion, 0.6, np.ones((4, 3)))
-    while steps.deciding:
-        steps.decide(0.0, planner)
+    while not steps.decide(0.0, planner):
+        assert steps.evaluate(planner)
     assert steps.active
     reference.begin(np.array([*home + [0.18, 0.24], 0.0]), yaw + 0.5)
     ahead, left, speeds, turns, away = np.array([0.6, 0.8]), np.array([-0.8, 0.6]), [], [], []

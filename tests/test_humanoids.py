@@ -16,6 +16,7 @@ from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import biped_gaits
 from lgmpc.locomotion.legs import LegGeometry, leg_inertias, leg_momentum
 from lgmpc.robot import leg_joints, load_robot
+from lgmpc.timegrid import TimeGrid
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
 from tests.support.displaced import DISPLACEMENTS
 
@@ -122,7 +123,7 @@ def test_legs_that_walk_along_a_slope_have_the_momentum_of_those_on_a_level_floo
 
         path = SimpleNamespace(touchdown=0.2, sample=sample)
         given = np.tile(np.eye(3), (2, 1, 1)), 0.0, clock, [path, path], places @ turn.T, turn[:, 2]
-        found.append(leg_momentum(*given, np.tile(turn @ [0.6, 0.0, 0.0], (9, 1)), 0.0, 0.05) @ turn)
+        found.append(leg_momentum(*given, np.tile(turn @ [0.6, 0.0, 0.0], (9, 1)), TimeGrid(0.05, 8)) @ turn)
     np.testing.assert_allclose(found[1], found[0], atol=1e-12)
     assert np.ptp(found[0][:, 0]) > 0.5 and np.abs(found[0][:, 2]).max() < 1e-12
 

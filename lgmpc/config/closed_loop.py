@@ -266,7 +266,7 @@ class RunObserver:
     ) -> None:
         self._controller, self._truth, self._estimator, self._monitor = controller, truth, estimator, monitor
         self._record, self._record_plan = recorder.append, recorder.record_mpc
-        self._channels, self._progress = recorder.channels, progress
+        self._channels, self._progress, self._hands = recorder.channels, progress, controller.wbc.hands
         self._every, self._last = max(1, ticks.nearest(_REPORT_PERIOD)), ticks.count - 1
         self._duration = ticks.end
         self._lowest = FALL_HEIGHT_FRACTION * float(controller.robot.q_reference[2])
@@ -331,14 +331,14 @@ class RunObserver:
         if "joint_friction" in self._channels:
             values["joint_friction"] = report.joint_friction
         if "motor_shares" in self._channels:
-            values["motor_shares"] = self._controller.faults.shares
+            values["motor_shares"] = report.motor_shares
         if "forecast_ms" in self._channels:
             values["forecast_ms"] = report.forecast_ms
         if "believed_ground" in self._channels:
-            ground, (x, y, z) = self._controller.feet.ground, tick.state.q[:3].tolist()
+            ground, (x, y, z) = report.ground, tick.state.q[:3].tolist()
             values["believed_ground"] = (z - ground.plane_at(x, y), *ground.slope)
-        if hands := self._controller.wbc.hands:
-            poses = np.array([hand.poses(sample.q) for hand in hands])
+        if self._hands:
+            poses = np.array([hand.poses(sample.q) for hand in self._hands])
             values["hand_poses"], values["hand_targets"] = poses[:, 0], poses[:, 1]
         self._record(values)
         self._normals[...] = self._next_normals

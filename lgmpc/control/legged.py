@@ -103,13 +103,12 @@ class LeggedController:
         self._tasks = MotionTasks.of(wbc.tasks)
         named = gaits_of(robot, settings) if gaits is None else gaits
         self.feet = Feet(robot, settings, named, wbc.contacts, 0.0 if delays is None else delays.total_s, period)
-        self.command = MotionCommand()
         self.commands: CommandSource = CommandTimeline(()) if commands is None else commands
         self._desired = DesiredMotion(robot, self.feet.legs, settings, offset)
         self.target, self.base_target = self._desired.target, self._desired.base_target
         self._predictor = StatePredictor(robot, period, delays) if delays is not None and delays.total_s > 0.0 else None
         self._measured = wbc.terms if self._predictor is None else WholeBodyTerms(robot)
-        self.joint_friction = joint_friction
+        self.command, self.joint_friction = MotionCommand(), joint_friction
         self._references = JointReferences(robot, DriveSettings() if drives is None else drives, period)
         self.faults = JointFaults(joint_faults, robot, wbc, self.feet, self._references)
         found = floor, self._predictor, joint_friction, self.faults, planner and planner.observer
@@ -180,9 +179,9 @@ class LeggedController:
         return TickReport(
             time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.points.spread(feet.stance),
             feet.points.spread(feet.events.states), terms.contact_points, terms.com, terms.momentum, self.target,
-            self.base_target, feet.targets, feet.point_footholds, wbc.forces, wbc.external_wrench,
-            wbc.joint_friction, wbc.status, None if self.planner is None else self.planner.plan, self._planned,
-            1e3 * (perf_counter() - started - self._plan_s), 1e3 * self._plan_s, 0.0,
+            self.base_target, feet.targets, feet.point_footholds, wbc.forces, wbc.external_wrench, feet.ground,
+            self.faults.shares, wbc.joint_friction, wbc.status, None if self.planner is None else self.planner.plan,
+            self._planned, 1e3 * (perf_counter() - started - self._plan_s), 1e3 * self._plan_s, 0.0,
         )  # fmt: skip
 
     def _decide(self, state: RobotState) -> Command:
@@ -245,15 +244,16 @@ class LeggedController:
             wbc.contacts.target_forces[...] = self._standing_forces
         # Feet that have just touched down would carry nothing until a plan includes them.
         if planner.due(time) or self.feet.changed:
-            self._write_horizon(time, planner)
+            friction = min(planner.mpc.settings.friction, float(wbc.contacts.friction[0]))
+            self._write_horizon(time, planner, friction)
             planner.plan_from(time, terms)
-            steps.watch(time, planner, terms, self._motion, self._friction(planner), wbc.forces)
+            steps.watch(time, planner, terms, self._motion, friction, wbc.forces)
             self._inputs.reacting |= steps.return_feet(time, self._motion, self.command.moves, self._mode_settings)
             self._planned, self._plan_s = True, perf_counter() - started
         elif steps.decide(time, planner):
             self._inputs.reacting = True
             planner.expire()
-        if not (follows and planner.follow(time, self._tasks, wbc.contacts)):
+        if not (follows and planner.follow(time, self._tasks, wbc.contacts, self._desired.joints)):
             self._desired.write_balance(self._tasks)
 
     def _expect(self, planner: Planner | None, solved: bool, wrench: Array | None = None) -> None:
@@ -368,7 +368,10 @@ class LeggedController:
         elif request.moves and feet.gait(request).stands:
             request = replace(request, vx=0.0, vy=0.0, yaw_rate=0.0)  # whatever velocity is left from another gait
         load, friction = (0.0, 0.0) if self.planner is None else self.planner.load.force, self.floor.coefficient
-        request = feet.within_reach(steps.way_back(request) if steps.active or steps.deciding else request)
+        request, place = steps.way_back(request)
+        if place is not None:
+            self._desired.builder.begin(*place)
+        request = feet.within_reach(request)
         self._motion = motion = self._desired.follow(request, self._elapsed, friction, terms, feet.stepping, load)
         command = self._desired.command
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command
@@ -381,24 +384,21 @@ class LeggedController:
         wbc.use_stepping_weights(feet.stepping)
         for hand in wbc.hands:
             hand.update(time, self._elapsed, terms.q)
-        self._desired.write_targets(self._tasks, time, feet.ground)
-        if lifting or self.planner is None:
-            self._desired.write_balance(self._tasks)
+        self._desired.place(time, feet.ground)
         if lifting:
             self._inputs.lifted = self._rise_motion.update(time)
             wbc.external_wrench[:3] = self._rise_motion.support * self._weight
-            self._desired.write_rise(self._tasks, self._rise_motion, self._leg_retraction)
+            self._desired.rise(self._rise_motion, self._leg_retraction)
+        self._desired.write_base(self._tasks)
+        if lifting or self.planner is None:
+            self._desired.write_balance(self._tasks)
 
-    def _write_horizon(self, time: float, planner: Planner) -> None:
+    def _write_horizon(self, time: float, planner: Planner, friction: float) -> None:
         grid = planner.horizon.begun_at(time)
-        self.feet.write_horizon(grid, self._motion, self._friction(planner), planner.contacts)
+        self.feet.write_horizon(grid, self._motion, friction, planner.contacts)
         self._desired.write_horizon(planner.motion, grid, self.feet.ground)
         planner.motion.catching = self.push_steps.active
         self.feet.write_leg_momentum(grid, planner.motion, planner.contacts)
-
-    def _friction(self, planner: Planner) -> float:
-        """Friction coefficient to rely on over the horizon."""
-        return min(planner.mpc.settings.friction, float(self.wbc.contacts.friction[0]))
 
     def _begin(self, state: RobotState) -> None:
         """Stand where the robot is now; lie if it lies, and do nothing if it is tilted too far."""

@@ -122,7 +122,7 @@ class Performance:
         return pose
 
     def advance(self, contacts: BoolArray | None) -> None:
-        """Advance by one tick, and write the targets; ``contacts`` (nc,) are measured, None where they are not."""
+        """Advance by one tick, and write the base's targets; ``contacts`` (nc,) are measured, None if they are not."""
         self.landed, self._rate = False, 1.0
         planned = (each for each in self._flights if each[0] <= self._row + 1 < each[1])
         flight = next(planned, None) or self._early_flight()
@@ -136,7 +136,12 @@ class Performance:
         self.stance[:] = self.plan.stance[self._row]
         if self._since_landing * self.plan.period < _SETTLING and contacts is not None and contacts.any():
             self.stance &= contacts
-        self._write_targets()
+        flies, row = not self.stance.any(), self._row
+        if flies is not self._flies:
+            self._flies = flies
+            self._set_weights(flies)
+        self._wbc.contacts.stance[:], base = self.stance, self._tasks.base_orientation.target
+        base.rotation[:], base.angular_velocity[:] = self.plan.rotation[row], self.plan.v[row, 3:6]
 
     def end(self) -> None:
         """Return weights and gains to what they were before."""
@@ -224,22 +229,21 @@ class Performance:
         for task, stiffness in ((tasks.posture, _GAINS[phase]), (tasks.com, _GAINS["stance"])):
             task.kp[:], task.kd[:] = stiffness, 2.0 * math.sqrt(stiffness)
 
-    def _write_targets(self) -> None:
+    def joints(self) -> Array:
+        """Return (3 nu,) planned positions, velocities and accelerations of the joints."""
+        plan, row, of, rate = self.plan, self._row, self._robot.joint_v, self._rate
+        joints = plan.q[row, self._robot.joint_q], rate * plan.v[row, of], rate**2 * plan.acceleration[row, of]
+        return np.concatenate(joints)
+
+    def write_balance(self) -> None:
+        """Write the targets of forces, balance and joints: without a plan of the MPC to follow."""
         plan, row, tasks, mass = self.plan, self._row, self._tasks, self._robot.mass
-        flies = not self.stance.any()
-        if flies is not self._flies:
-            self._flies = flies
-            self._set_weights(flies)
-        self._wbc.contacts.stance[:] = self.stance
         self._wbc.contacts.target_forces[:] = plan.forces[row] * self.stance[:, None]
-        com, base, momentum = tasks.com.target, tasks.base_orientation.target, tasks.angular_momentum.target
+        com, momentum = tasks.com.target, tasks.angular_momentum.target
         com.position[:] = plan.com[row] + self._shift
         com.velocity[:], com.acceleration[:] = plan.momentum[row, :3] / mass, plan.momentum_rate[row, :3] / mass
-        base.rotation[:], base.angular_velocity[:] = plan.rotation[row], plan.v[row, 3:6]
         momentum.momentum[:], momentum.rate[:] = plan.momentum[row, 3:], plan.momentum_rate[row, 3:]
-        joints, of = tasks.posture.target, self._robot.joint_v
-        joints.position[:], joints.velocity[:] = plan.q[row, self._robot.joint_q], self._rate * plan.v[row, of]
-        joints.acceleration[:] = self._rate**2 * plan.acceleration[row, of]
+        tasks.posture.targets_together[...] = self.joints()
 
 
 class Performer:
@@ -313,13 +317,14 @@ class Performer:
             present.advance(contacts)
         feet.stance[:] = present.stance
         feet.footholds[:] = feet.position[:] = wbc.terms.contact_points
-        if planner is None:
-            return 0.0
-        planned = planner.due(time) or present.landed
-        if planned:
-            friction = min(planner.mpc.settings.friction, float(wbc.contacts.friction[0]))
-            present.write_horizon(planner.horizon, friction, planner.motion, planner.contacts)
-            planner.plan_from(time, wbc.terms)
-        if feet.stance.any():
-            planner.follow(time, self._tasks, wbc.contacts)
+        planned = followed = False
+        if planner is not None:
+            planned = planner.due(time) or present.landed
+            if planned:
+                friction = min(planner.mpc.settings.friction, float(wbc.contacts.friction[0]))
+                present.write_horizon(planner.horizon, friction, planner.motion, planner.contacts)
+                planner.plan_from(time, wbc.terms)
+            followed = bool(feet.stance.any()) and planner.follow(time, self._tasks, wbc.contacts, present.joints())
+        if not followed:
+            present.write_balance()
         return perf_counter() - started if planned else 0.0

@@ -125,8 +125,8 @@ class Planner:
         """Make the next plan due at the next tick: the present one is based on other contacts."""
         self._expired = True
 
-    def follow(self, time: float, tasks: MotionTasks, contacts: Contacts) -> bool:
-        """Write the plan's targets of tasks and forces, unless it is stale; return whether they were written."""
+    def follow(self, time: float, tasks: MotionTasks, contacts: Contacts, joints: Array) -> bool:
+        """Write a plan's targets unless it is stale, of one without joints ``joints`` (3 nu,); return whether."""
         sampler = self._sampler
         if sampler.plan is None or sampler.plan.status is Status.STALE:
             return False
@@ -135,9 +135,8 @@ class Planner:
         tasks.angular_momentum.targets_together[...] = samples.angular_momentum[row]
         contacts.target_forces[...] = samples.motion.forces[row]
         if posture is not None:
-            joints = tasks.posture.target
-            joints.position[:] = posture.position[row]
-            joints.velocity[:] = posture.velocity[row]
+            joints = np.concatenate([posture.position[row], posture.velocity[row], joints[2 * len(joints) // 3 :]])
+        tasks.posture.targets_together[...] = joints
         return True
 
     def observe(self, momentum: Array, missed: int = 0) -> Array:
@@ -196,13 +195,8 @@ class PlanSampler:
         self.posture = None if plan.posture is None else plan.posture.sample_at(times)
 
     def row(self, time: float) -> int:
-        """Return the row of the samples that belongs to ``time`` (s); samples on where it lies outside of them.
-
-        Raises:
-            ValueError: there is no plan.
-        """
-        if self.plan is None:
-            raise ValueError("no plan was loaded")
+        """Return the row of the samples that belongs to ``time`` (s); samples on where it lies outside of them."""
+        assert self.plan is not None
         row = self.ticks.nearest(time)
         if not 0 <= row < self.ticks.count:
             self.load(self.plan, time)

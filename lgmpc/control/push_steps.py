@@ -13,7 +13,7 @@ from lgmpc.control.feet import Feet
 from lgmpc.control.modes import ModeSettings
 from lgmpc.control.planner import Planner
 from lgmpc.locomotion.command import MotionCommand
-from lgmpc.locomotion.footholds import BaseMotion
+from lgmpc.locomotion.footholds import BaseMotion, Point
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.locomotion.reaction import StepReaction, StepReactionSettings, StepSchedule, forecast_cost, least
 from lgmpc.locomotion.reference import ReferenceBuilder
@@ -86,24 +86,22 @@ class PushSteps:
         """Discard the steps: another mode moves the feet."""
         self.active = self.deciding = False
 
-    def way_back(self, request: MotionCommand) -> MotionCommand:
-        """Return the request, or while the robot goes back after a push the motion towards the place where it stood."""
+    def way_back(self, request: MotionCommand) -> tuple[MotionCommand, tuple[Point, float] | None]:
+        """Return the request, or the motion back to where the robot stood; and this place, m, rad, once it is there."""
         if request.moves:
             self.stop()
         self.active = self.active and self._feet.stepping
         if not self.active:
-            return request
+            return request, None
         s, at, (x, y, yaw) = self.settings, self._reference, self._home
         dx, dy, turn = x - at.x, y - at.y, math.remainder(yaw - at.yaw, 2.0 * math.pi)
         distance = math.hypot(dx, dy)
         if distance < s.place_tolerance_m and abs(turn) < s.place_tolerance_m / self._height:
-            at.begin((x, y), at.yaw + turn)
-            return replace(request, gait=s.gait)  # of the velocity that is left
+            return replace(request, gait=s.gait), ((x, y), at.yaw + turn)  # of the velocity that is left
         rate = min(s.return_rate_hz, s.return_speed_m_s / max(distance, abs(turn) * self._height))
         c, n = math.cos(at.yaw), math.sin(at.yaw)
-        return replace(
-            request, vx=rate * (c * dx + n * dy), vy=rate * (c * dy - n * dx), yaw_rate=rate * turn, gait=s.gait
-        )
+        ahead, left = rate * (c * dx + n * dy), rate * (c * dy - n * dx)
+        return replace(request, vx=ahead, vy=left, yaw_rate=rate * turn, gait=s.gait), None
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the command with the feet, from the end of the first cycles on."""

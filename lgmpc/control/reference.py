@@ -120,6 +120,7 @@ class DesiredMotion:
         command: limited command that is followed.
         target: (3,) desired centre of mass now, world, m.
         base_target: (7,) base pose that goes with it [position, quaternion x y z w].
+        joints: (3 nu,) positions, velocities and accelerations that go with it.
     """
 
     def __init__(
@@ -135,8 +136,8 @@ class DesiredMotion:
         self._turns = robot.short_support and settings.reaction.enabled
         self._planned: MotionReference | None = None  # over the last horizon
         self._grip = _GRIP_SHARE * float(np.linalg.norm(robot.gravity))
-        self._centre: Array = np.zeros(9)  # position, velocity and acceleration of the centre of mass
-        self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
+        self._centre, self._origin, self._attitude = np.zeros(9), np.zeros(9), np.zeros(12)  # as of DesiredPose
+        self.joints = self._standing_joints = np.concatenate([robot.q_reference[robot.joint_q], np.zeros(2 * robot.nu)])
 
     def rest(self) -> None:
         """Forget the last command: the next one begins at rest."""
@@ -179,34 +180,38 @@ class DesiredMotion:
             float(terms.rotation[2, 0]), float(terms.rotation[2, 1]), load[0] / mass, load[1] / mass,
         )  # fmt: skip
 
-    def write_targets(self, tasks: MotionTasks, time: float, ground: TerrainBelief) -> None:
-        """Write the desired motion of base and joints into the tasks; those of the balance are the plan's."""
-        pose, origin = self.builder.pose(self.command, ground), tasks.base_position
-        self.target[...], self.base_target[...] = pose.com, pose.base_pose
-        self._centre, origin.targets_together[...] = pose.centre, pose.origin
-        tasks.base_orientation.targets_together[...] = pose.attitude
-        tasks.posture.targets_together[...] = self._standing_joints
+    def place(self, time: float, ground: TerrainBelief) -> None:
+        """Compute where the robot should be now."""
+        pose = self.builder.pose(self.command, ground)
+        self.target[...], self.base_target[...] = pose.centre[:3], pose.base_pose
+        self._centre, self._origin, self._attitude = pose.centre, pose.origin, pose.attitude
+        self.joints = self._standing_joints
         if self._offset is not None:
             offset, velocity, acceleration = (rows[0] for rows in self._offset.sample(np.array([time])))
             self.target += offset
             self.base_target[:3] += offset
-            origin.target.position[:] += offset
-            origin.target.velocity[:] += velocity
+            self._origin = pose.origin + np.concatenate([offset, velocity, np.zeros(3)])
             self._centre = pose.centre + np.concatenate([offset, velocity, acceleration])
 
-    def write_balance(self, tasks: MotionTasks) -> None:
-        """Write the desired motion into the tasks of centre of mass and angular momentum: without a plan to follow."""
-        tasks.com.targets_together[...], tasks.angular_momentum.targets_together[...] = self._centre, 0.0
-
-    def write_rise(self, tasks: MotionTasks, rise: RiseMotion, retraction: LegRetraction) -> None:
-        """Move the targets of standing by the rise's offset, and the joints towards the lying posture."""
-        com, origin, joints = tasks.com.target, tasks.base_position.target, tasks.posture.target
+    def rise(self, rise: RiseMotion, retraction: LegRetraction) -> None:
+        """Move where the robot should be by the rise's offset, and the joints towards the lying posture."""
         self.target += rise.offset
         self.base_target[:2] += rise.offset[:2]
         self.base_target[2] += retraction.base_share * rise.offset[2]
-        com.position[:], com.velocity[:], com.acceleration[:] = self.target, rise.velocity, rise.acceleration
-        origin.position[:], origin.velocity[:] = self.base_target[:3], rise.velocity
-        joints.position[:] += rise.lying * (retraction.lying - joints.position)
+        self._centre = np.concatenate([self.target, rise.velocity, rise.acceleration])
+        self._origin = np.concatenate([self.base_target[:3], rise.velocity, self._origin[6:]])
+        positions, rest = np.split(self._standing_joints, [len(retraction.lying)])
+        self.joints = np.concatenate([positions + rise.lying * (retraction.lying - positions), rest])
+
+    def write_base(self, tasks: MotionTasks) -> None:
+        """Write the desired motion into the tasks of the base."""
+        tasks.base_position.targets_together[...] = self._origin
+        tasks.base_orientation.targets_together[...] = self._attitude
+
+    def write_balance(self, tasks: MotionTasks) -> None:
+        """Write the desired motion into the tasks of balance and joints: without a plan to follow."""
+        tasks.com.targets_together[...], tasks.angular_momentum.targets_together[...] = self._centre, 0.0
+        tasks.posture.targets_together[...] = self.joints
 
     def write_horizon(self, motion: MotionReference, grid: TimeGrid, ground: TerrainBelief) -> None:
         """Write the desired motion at the nodes of a horizon that begins now."""

@@ -7,6 +7,7 @@ from lgmpc.control.modes import Mode
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.locomotion.gait import Gait
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.mpc import Plan
 from lgmpc.status import Status
 from lgmpc.typing import Array, BoolArray
@@ -35,6 +36,8 @@ class TickReport(NamedTuple):
         footholds: (nc, 3) where each foot stands or will touch down next, m.
         forces: (nc, 3) contact forces of the whole-body QP, N.
         external_wrench: (6,) estimated external [force; moment about the centre of mass], N and N.m.
+        ground: the belief of it.
+        motor_shares: (nu,) of its torque that each motor gives.
         joint_friction: (nu,) friction of the joints that the torques overcome, N.m.
         status: of the whole-body QP.
         plan: the last plan; None before the first.
@@ -60,6 +63,8 @@ class TickReport(NamedTuple):
     footholds: Array
     forces: Array
     external_wrench: Array
+    ground: TerrainBelief
+    motor_shares: Array
     joint_friction: Array
     status: Status
     plan: Plan | None

@@ -178,7 +178,7 @@ class Shown:
 
     def _show(self, speed: float, halted: bool) -> None:
         """Write the picture of the last recorded tick."""
-        report, ground = self._controller.report, self._controller.feet.ground
+        report, ground = self._controller.report, self._controller.report.ground
         x, y, _ = report.com.tolist()
         gait = self._gaits.index(report.gait.name) if report.gait.name in self._gaits else -1
         self._parts[2][:] = (speed, halted, gait, *ground.slope, x, y, ground.plane_at(x, y))

@@ -42,27 +42,12 @@ class DesiredPose:
         origin: (9,) the same of the base's origin, which turns with the command no faster than is negligible.
         attitude: (12,) orientation of the base, body to world and row by row, and its angular velocity, base axes.
         base_pose: (7,) position and quaternion x y z w of the base.
-        com: (3,) of :attr:`centre`, m.
-        velocity: (3,) of :attr:`centre`, m/s.
-        base: (3,) of :attr:`base_pose`, m.
-        quaternion: (4,) of :attr:`base_pose`.
-        rotation: (3, 3) of :attr:`attitude`.
     """
 
     centre: Array
     origin: Array
     attitude: Array
     base_pose: Array
-
-    @classmethod
-    def zero(cls) -> "DesiredPose":
-        """Return buffers to write to."""
-        return cls(np.zeros(9), np.zeros(9), np.zeros(12), np.zeros(7))
-
-    def __post_init__(self) -> None:
-        self.com, self.velocity = self.centre[:3], self.centre[3:6]
-        self.base, self.quaternion = self.base_pose[:3], self.base_pose[3:]
-        self.rotation = self.attitude[:9].reshape(3, 3)
 
 
 class ReferenceBuilder:
@@ -91,7 +76,7 @@ class ReferenceBuilder:
         self._joints = robot.q_reference[robot.joint_q].copy()
         self._bound: MotionReference | None = None  # what _run writes to
         self._now = np.zeros(19)
-        self._pose = DesiredPose.zero()
+        self._pose = DesiredPose(np.zeros(9), np.zeros(9), np.zeros(12), np.zeros(7))
         self._attitude = (math.nan, 0.0, 0.0, 0.0)
         self._base = (0.0, 0.0, 0.0)
 
@@ -151,7 +136,7 @@ class ReferenceBuilder:
             quaternion = _about_vertical(tilt, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
             rotation = _rotation(*quaternion)
             turning = [command.yaw_rate * each for each in rotation[2]]  # the vertical, in the base's axes
-            pose.quaternion[:] = quaternion
+            pose.base_pose[3:] = quaternion
             pose.attitude[:] = [*rotation[0], *rotation[1], *rotation[2], *turning]
             bx, by, bz = _rotate(tilt, self._legs.base)
             self._base = (c * bx - s * by, s * bx + c * by, bz)

@@ -150,6 +150,7 @@ def performed(robot: Robot, plan: Displacement, move: Displacement) -> dict[str,
         present = Performance(hop(robot, plan), wbc, MotionTasks.of(wbc.tasks), moved) if present is None else present
         flies = not present.stance.any()
         present.advance(np.full(4, not flies or q[2] < start + 0.04))
+        present.write_balance()
         if tick % 5 == 0:
             present.write_horizon(TimeGrid(0.02, len(contacts.flags)), 0.5, motion, contacts)
         com, base = wbc.tasks["com"].target, wbc.tasks["base_orientation"].target

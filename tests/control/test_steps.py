@@ -126,7 +126,9 @@ def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
     reference.begin(np.array([*home + [0.18, 0.24], 0.0]), yaw + 0.5)
     ahead, left, speeds, turns, away = np.array([0.6, 0.8]), np.array([-0.8, 0.6]), [], [], []
     for _ in range(3000):
-        command = steps.way_back(MotionCommand(gait="walk"))
+        command, place = steps.way_back(MotionCommand(gait="walk"))
+        if place is not None:
+            reference.begin(*place)
         speeds.append(math.hypot(command.vx, command.vy))
         reference.advance(1e-3, command)
         at = np.array([reference.x, reference.y]) - home

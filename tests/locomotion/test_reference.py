@@ -151,11 +151,12 @@ def test_the_pose_of_now_is_the_first_node_of_the_horizon(solo12: Robot, legs: L
     for command in (MotionCommand(), MotionCommand(0.5, -0.2, 1.5, 0.02, 0.2, -0.1), MotionCommand(0.5, roll=0.1)):
         builder.advance(0.1, command)
         reference, pose = written(builder, solo12, command, height=0.3), builder.pose(command, level(0.3))
-        np.testing.assert_allclose(pose.com, reference.com[0], atol=1e-12)
-        np.testing.assert_allclose(pose.velocity, reference.com_velocity[0], atol=1e-12)
-        np.testing.assert_allclose(np.r_[pose.base, pose.quaternion], reference.q[0, :7], atol=1e-12)
-        np.testing.assert_allclose(pose.rotation, pin.Quaternion(pose.quaternion).matrix(), atol=1e-12)
-        turning = pose.rotation @ pose.attitude[9:]
+        np.testing.assert_allclose(pose.centre[:3], reference.com[0], atol=1e-12)
+        np.testing.assert_allclose(pose.centre[3:6], reference.com_velocity[0], atol=1e-12)
+        np.testing.assert_allclose(pose.base_pose, reference.q[0, :7], atol=1e-12)
+        rotation = pose.attitude[:9].reshape(3, 3)
+        np.testing.assert_allclose(rotation, pin.Quaternion(pose.base_pose[3:]).matrix(), atol=1e-12)
+        turning = rotation @ pose.attitude[9:]
         np.testing.assert_allclose(turning, reference.angular_velocity[0], atol=1e-12)
 
 
@@ -170,14 +171,15 @@ def test_on_a_slope_the_base_is_parallel_to_it_and_the_way_rises_with_it(
     pose, reference = builder.pose(command, ground), MotionReference.standing(solo12, N, np.zeros(3))
     builder.write(reference, command, HORIZON, ground)
     normal = np.array([*-slope, 1.0]) / math.sqrt(1.0 + slope @ slope)
-    np.testing.assert_allclose(pose.rotation[:, 2], normal, atol=1e-9)
-    assert math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]) == pytest.approx(yaw)
+    rotation = pose.attitude[:9].reshape(3, 3)
+    np.testing.assert_allclose(rotation[:, 2], normal, atol=1e-9)
+    assert math.atan2(rotation[1, 0], rotation[0, 0]) == pytest.approx(yaw)
     np.testing.assert_allclose(reference.com[:, 2], 0.4 + reference.com[:, :2] @ slope + legs.height, atol=1e-9)
     np.testing.assert_allclose(reference.com_velocity[:, 2], reference.com_velocity[:, :2] @ slope, atol=1e-12)
     np.testing.assert_allclose(np.diff(reference.com, axis=0) / DT, reference.com_velocity[:-1], atol=1e-9)
-    np.testing.assert_allclose(pose.com, reference.com[0], atol=1e-12)
-    np.testing.assert_allclose(pose.base, reference.q[0, :3], atol=1e-12)
+    np.testing.assert_allclose(pose.centre[:3], reference.com[0], atol=1e-12)
+    np.testing.assert_allclose(pose.base_pose[:3], reference.q[0, :3], atol=1e-12)
     turn = pin.Quaternion(reference.q[-1, 3:7]).matrix()
-    np.testing.assert_allclose(turn, pose.rotation, atol=1e-12)
+    np.testing.assert_allclose(turn, rotation, atol=1e-12)
     # The base carries the centre of mass of the reference posture.
-    np.testing.assert_allclose(pose.com, pose.base - pose.rotation @ legs.base, atol=1e-12)
+    np.testing.assert_allclose(pose.centre[:3], pose.base_pose[:3] - rotation @ legs.base, atol=1e-12)

@@ -104,7 +104,7 @@ def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Expl
     end = log.ticks if failed_s is None else int(np.searchsorted(log.time, failed_s, side="right"))
     # The threshold of the event is no limit of slip.
     limited = (each for each in quantities if each.name != "slip" or each.judged)
-    found = (quantity.until(end).nearest(log.time[:end]) for quantity in limited)
+    found = (quantity.at(slice(end)).nearest(log.time[:end]) for quantity in limited)
     nearest = [each for each in found if each is not None]
     if failed_s is None and run.result.metrics is not None:
         nearest += gate_figures(run.result.metrics, gate)

@@ -47,9 +47,10 @@ def ground_channels(
         nearest = np.concatenate((true[:1], true[:-1])).reshape(-1, 3)
         true = _pressing_normals(world, radius, before, nearest, forces.reshape(-1, 3)).reshape(points.shape)
     height, normal = ground_below(world, base, leg_length(base, points))
+    same = np.array_equal(true, normals)  # as on a level floor: no copies of the longest channels
     return {
-        "contact_points": points + (radius * normals - radius * true),  # the same bits where the normals are the same
-        "contact_normals": true,
+        "contact_points": points if same else points + (radius * normals - radius * true),
+        "contact_normals": normals if same else true,
         "contact_clearance": distances.reshape(points.shape[:2]) - radius,
         "ground_height": height,
         "ground_normal": normal,

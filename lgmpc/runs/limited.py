@@ -150,10 +150,9 @@ class Limited:
             share: Array = 1.0 - self.margins / self.scale
         return share
 
-    def until(self, end: int) -> "Limited":
-        """Return the quantity at the first ``end`` ticks."""
-        arrays = {name: getattr(self, name)[:end] for name in ("values", "limits", "margins", "scale")}
-        return replace(self, **arrays)
+    def at(self, ticks: slice) -> "Limited":
+        """Return the quantity at some of the ticks."""
+        return replace(self, **{name: getattr(self, name)[ticks] for name in ("values", "limits", "margins", "scale")})
 
     def nearest(self, time: Array) -> Nearest | None:
         """Return the tick of the largest share of the limit used; ``None`` if the limit never applied.
@@ -166,18 +165,16 @@ class Limited:
 
     def smallest(self, time: Array) -> Nearest | None:
         """Return the tick of the smallest margin, as :meth:`nearest`; a value that is not a number is beyond all."""
-        unknown = np.isnan(self.values)
-        margins = np.where(unknown, -np.inf, np.where(np.isnan(self.margins), np.inf, self.margins))
+        margins = np.where(np.isnan(self.margins), np.inf, self.margins)
+        margins[np.isnan(self.values)] = -np.inf
         return self._at(int(np.argmin(margins)), time) if margins.min(initial=np.inf) < np.inf else None
 
     def _at(self, index: int, time: Array) -> Nearest:
         at = np.unravel_index(index, self.values.shape)
         value, limit, margin = float(self.values[at]), float(self.limits[at]), float(self.margins[at])
         margin = 0.0 if abs(margin) < _ROUNDING * max(1.0, abs(value), abs(limit)) else margin
-        subject = self.subjects[int(at[1])]
-        return Nearest(
-            self.name, subject, float(time[at[0]]), value, self.unit, limit, margin, float(self.used[at]), self.judged
-        )
+        subject, used = self.subjects[int(at[1])], float(self.at(slice(at[0], at[0] + 1)).used[0, at[1]])
+        return Nearest(self.name, subject, float(time[at[0]]), value, self.unit, limit, margin, used, self.judged)
 
 
 def joint_power(log: RunLog) -> Array:
@@ -189,7 +186,8 @@ def joint_power(log: RunLog) -> Array:
     power, gaps = np.zeros_like(log.tau), np.diff(log.time)
     before, after = log.tau[1:] * log.joint_velocity[:-1], log.tau[1:] * log.joint_velocity[1:]
     consecutive = gaps < 1.5 * gaps.min(initial=np.inf)
-    power[1:] = np.where(consecutive[:, None], np.minimum(before, after), 0.0)
+    np.minimum(before, after, out=power[1:])
+    power[1:][~consecutive] = 0.0
     return power
 
 

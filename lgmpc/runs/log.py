@@ -234,7 +234,7 @@ class RunLog(ArrayFile):
         """(n, nc) friction coefficients of the ground at the feet."""
         if self.contact_friction is not None:
             return self.contact_friction
-        return np.tile(self.friction_over_time[:, None], (1, len(self.contact_frames)))
+        return np.broadcast_to(self.friction_over_time[:, None], (self.ticks, len(self.contact_frames)))
 
     @cached_property
     def foot_centres(self) -> Array:
@@ -288,7 +288,8 @@ class RunLog(ArrayFile):
     @property
     def effort_limit_over_time(self) -> Array:
         """(n, nu) torque limits that the plant clips at, N.m."""
-        return np.tile(self.effort_limit, (self.ticks, 1)) if self.torque_limits is None else self.torque_limits
+        limits = self.effort_limit if self.torque_limits is None else self.torque_limits
+        return np.broadcast_to(limits, (self.ticks, len(self.effort_limit)))
 
     @property
     def joint_velocity(self) -> Array:

@@ -150,7 +150,7 @@ def _points(settings: SweepSettings, bases: tuple[Config, ...], source: ConfigSo
                     varied.append(_Change(f"samples.keys.{i}", dict.fromkeys(distribution.key, value)))
             for variant, changes in settings.variants.items() or (("", {}),):
                 own = [_Change(f"variants.{variant}.{key}", {key: value}) for key, value in changes.items()]
-                resolved = _resolve(config, [*common, *varied, *own], source)
+                resolved = _resolve(config, [*common, *own, *varied], source)
                 if settings.bisect is not None:
                     _check_bisection(resolved, settings, source)
                 yield Point(_key(resolved, settings), config.name, variant, named, number, resolved)

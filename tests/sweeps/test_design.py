@@ -35,6 +35,13 @@ def test_a_grid_has_every_combination_with_its_variants_side_by_side(parse: Pars
     assert len({p.key for p in points}) == 12
 
 
+def test_a_draw_reaches_into_the_section_that_a_variant_sets(parse: Parse) -> None:
+    samples = "samples: {count: 3, keys: [{key: world.ahead_m, kind: uniform, range: [0.9, 1.1]}]}"
+    points = parse("variants: {a: {world: {kind: ramp_15deg}}, b: {world: {kind: drop_3cm}}}\n" + samples).points
+    assert [p.config.value("world.ahead_m") for p in points] == [p.levels["world.ahead_m"] for p in points]
+    assert len({p.key for p in points}) == 6
+
+
 def test_the_document_in_the_folder_of_a_sweep_refers_to_the_same_bases(tmp_path: Path) -> None:
     (tmp_path / "own.yaml").write_text(shipped_config("solo12_stand").copy_text(), encoding="utf-8")
     file = tmp_path / "sweep.yaml"

@@ -36,6 +36,8 @@ _MEMORY_SHARE = 3.0
 """Time in which a residual is forgotten, about a stride, in units of sqrt(h / g)."""
 _NEAR_SHARE = 0.5
 """Distance within which footholds tell of the ground at a point, in heights of the centre of mass."""
+_STEP_SHARE = 0.05
+"""Least length of a step, in heights of the centre of mass: a foot whose contact is lost for a moment did not step."""
 _DOUBT = 0.01
 """Weight of the plane's slope against that of the footholds near a point, in footholds at that distance."""
 
@@ -90,6 +92,7 @@ class TerrainBelief:
         self._flat, self._steepest = math.tan(math.radians(s.level_deg)), math.tan(math.radians(s.steepest_deg))
         self._fall_time, self._time_constant = (share * math.sqrt(height / GRAVITY) for share in (1.0, s.filter_share))
         self._even, self._unevenness, self._height = _UNEVEN_SHARE * height, 0.0, height
+        self._step = _STEP_SHARE * height
         self._before, self._stood, self._bent, self.bends = np.zeros((feet, 3)), [True] * feet, 0.0, np.zeros((feet, 2))
         self._way, self._off = (1.0, 0.0), [(0.0, 0.0)]
 
@@ -111,16 +114,12 @@ class TerrainBelief:
         self._elapsed += elapsed
         if self._elapsed < _PERIOD:
             return
-        steps = [stands and not stood for stands, stood in zip(stance, self._stood, strict=True)]
-        if True in steps:
-            self._before[steps] = self.footholds[steps]
+        for foot, (stands, stood) in enumerate(zip(stance, self._stood, strict=True)):
+            if stands:
+                if not stood and math.dist(points[foot], self.footholds[foot]) > self._step:
+                    self._before[foot] = self.footholds[foot]
+                self.footholds[foot] = points[foot]
         self._stood = list(stance)
-        if all(stance):
-            self.footholds[...] = points
-        else:
-            for foot, stands in enumerate(stance):
-                if stands:
-                    self.footholds[foot] = points[foot]
         share = min(self._elapsed / self._time_constant, 1.0)
         self._fit(share)
         self._bend(share)

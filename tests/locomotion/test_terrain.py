@@ -76,7 +76,9 @@ def test_the_slope_follows_blocks_slowly_and_a_plane_after_a_stride() -> None:
     assert belief.slope[0] == pytest.approx(0.3, rel=0.1)
 
 
-def test_at_the_foot_of_a_ramp_footholds_have_its_heights_and_normals_before_the_plane_has() -> None:
+@pytest.mark.parametrize("bounces", [False, True])
+def test_at_the_foot_of_a_ramp_footholds_have_its_heights_and_normals_before_the_plane_has(bounces: bool) -> None:
+    """Whether contacts last or are lost for a moment."""
     belief, rise = believed((0.0, 0.0)), math.tan(math.radians(15.0))
     places = belief.places = belief.footholds.copy()
 
@@ -91,8 +93,8 @@ def test_at_the_foot_of_a_ramp_footholds_have_its_heights_and_normals_before_the
         x, y, _ = places[foot]
         errors.append((belief.height_at(x, y) - ground(x), belief.plane_at(x, y) - ground(x)))
         places[stance, 2] = [ground(x) for x in places[stance, 0]]
-        for _ in range(120):
-            belief.update(1e-3, places, stance.tolist())
+        for tick in range(120):
+            belief.update(1e-3, places, (stance & (not bounces or tick % 40 < 30)).tolist())
     expected, plane = np.abs(errors[3:]).T  # the first two touchdowns on the ramp are unexpected
     assert plane.max() > 0.02 and expected.max() < 0.6 * plane.max()
     tilt = np.degrees(np.arctan2(-belief.normals[:, 0], belief.normals[:, 2]))

@@ -124,9 +124,9 @@ def test_a_late_foot_descends_until_it_stands(depth: float) -> None:
 
 
 def test_a_foot_that_loses_its_contact_regains_it() -> None:
-    """The floor falls by 3.5 cm early in a long stance: the foot descends, stands again, and the robot walks on.
+    """The floor falls by 3.5 cm early in a long stance: the foot is pressed down, and stands before it counts as lost.
 
-    Its base does not follow one low foot: 2.7 degrees. It was 6.8 while the believed plane followed at once.
+    The robot walks on. Its base does not follow one low foot: 2.3 degrees.
     """
     stance = [0.8]
 
@@ -135,8 +135,9 @@ def test_a_foot_that_loses_its_contact_regains_it() -> None:
         return time > 0.8 and 0.02 < time - stance[0] < 0.03
 
     log, metrics, begin = walked(-0.035, in_stance, 0.25, "walk")
-    states = states_after(log, begin, 0.25)
-    assert states[:3] == ["stance", "lost", "stance"]
+    assert states_after(log, begin, 0.25) == ["stance"]
+    touched = log.time[(log.contact_forces[:, FOOT, 2] > 0.1) & (log.time > begin + 0.002)]
+    assert touched[0] - begin < 0.035
     check_it_walks_on(log, metrics, begin)
 
 

@@ -38,6 +38,9 @@ _ROUGHEST_SHARE = 0.2
 _REMEMBERED = 0.97
 """Share of the roughness that is left after one more touchdown as expected."""
 
+_PRESS_SHARE, _FALLING = 0.1, 0.4
+"""Load that brings a foot down to the ground that it lost, in weights, and the speed at which none is left, m/s."""
+
 _LEAST_REACH_SHARE = 0.2
 """Least horizontal reach of legs that counts for the speed, in leg lengths."""
 
@@ -106,11 +109,13 @@ class Feet:
         self.lost = np.zeros(robot.nf, dtype=np.bool_)
         self._level, self.roughness = True, 0.0
         self.shifts: Array | None = None
-        self._contacts, self._shares, self._period = contacts, [1.0] * robot.nf, period
+        self._contacts, self._bounds, self._period = contacts, ([1.0] * robot.nf, [False] * robot.nf), period
         self._points: Array = np.zeros((robot.nf, 3))  # of the feet, as measured last
         rows = zip(self.footholds, self.position, self.velocity, self.acceleration, strict=True)
         self._rows: list[tuple[Array, Array, Array, Array]] = list(rows)  # of each foot
         self._lowest, self._highest = contacts.lowest_normal.copy(), contacts.highest_normal.copy()
+        self._velocities = np.zeros((robot.nc, 3))
+        self._press = _PRESS_SHARE * robot.mass * float(np.linalg.norm(robot.gravity))
         self.begin(0.0, np.zeros((robot.nc, 3)), None)
 
     def retune(self, settings: LocomotionSettings, gaits: Mapping[str, Gait]) -> None:
@@ -127,9 +132,8 @@ class Feet:
             InputError: the robot has soles, or the map does not return one height, and one answer, for each point.
         """
         if not self.points.single:
-            raise InputError(
-                "locomotion.terrain.map", "a map for a robot with soles", "'none': maps are for point feet"
-            )
+            got, expected = "a map for a robot with soles", "'none': maps are for point feet"
+            raise InputError("locomotion.terrain.map", got, expected)
         places = np.zeros((2, 2))
         for name, found in (("height", elevation.height(places)), ("steppable", elevation.steppable(places, 0.01))):
             if np.shape(found) != (2,) or np.asarray(found).dtype.kind not in "bf":
@@ -155,9 +159,7 @@ class Feet:
         self.settled: list[bool] = self.points.spread(self.events.steady(time - _SETTLED_S))
         self.standing = contacts is None or bool(contacts.all())
         self.stepping = not self.standing
-        self.footholds[:] = points
-        self.position[:] = points
-        self.velocity[:] = self.acceleration[:] = 0.0
+        self.footholds[:], self.position[:], self.velocity[:], self.acceleration[:] = points, points, 0.0, 0.0
         self._write_normals()
 
     @property
@@ -254,14 +256,13 @@ class Feet:
         if not single:
             points = feet.mean(points)
             contacts = None if contacts is None else feet.touching(contacts)
-        self._points = points
+        self._points, self._velocities = points, velocities
         stance = self.events.update(time, contacts, self._below)
         stands = stance.tolist()
         self.changed = stands != self._stood
-        if self.changed:
-            for foot, (carries, stood) in enumerate(zip(stands, self._stood, strict=True)):
-                if carries and not stood:
-                    self._touch(abs(float(points[foot, 2]) - self._swings[foot].target[2]))
+        for foot, (carries, stood) in enumerate(zip(stands, self._stood, strict=True)):
+            if carries and not stood:
+                self._touch(abs(float(points[foot, 2]) - self._swings[foot].target[2]))
         if all(stands):
             self.footholds[...] = points
             self.position[...] = points
@@ -269,8 +270,7 @@ class Feet:
                 self.velocity[:] = self.acceleration[:] = 0.0
             if not single:
                 self.targets[:] = corners
-                if self.changed:  # soles that stand do not turn
-                    self.yaws[:] = feet.yaws(corners)
+                self.yaws[:] = feet.yaws(corners) if self.changed else self.yaws  # soles that stand do not turn
         else:
             moving = feet.mean(velocities).tolist()
             yaws = [] if single else feet.yaws(corners).tolist()
@@ -295,10 +295,8 @@ class Feet:
 
     def _below(self, foot: int) -> bool:
         """Return whether a foot in the air is below the ground that it should have found; on rough ground, any is."""
-        if self._stood[foot]:
-            return False
-        depth = _BELOW_SHARE * self.legs.height
-        return self.roughness > 0.0 or bool(self._points[foot, 2] < self.footholds[foot, 2] - depth)
+        below = self._points[foot, 2] < self.footholds[foot, 2] - _BELOW_SHARE * self.legs.height
+        return not self._stood[foot] and (self.roughness > 0.0 or bool(below))
 
     def _write_normals(self) -> None:
         """Write the normals of the whole-body QP's contacts, for its next tick."""
@@ -373,18 +371,28 @@ class Feet:
 
     def write_contacts(self, time: float, swing: Task) -> None:
         """Write what the whole-body QP takes: contacts, how much they may carry, targets of the feet in the air."""
-        contacts, shares = self._contacts, self.events.loading(time)
-        contacts.stance[...] = self.points.spread(self.stance & ~self.lost)
-        if shares != self._shares:
-            self._shares = shares
-            np.multiply(shares, self._highest, out=contacts.highest_normal)
-            np.minimum(self._lowest, contacts.highest_normal, out=contacts.lowest_normal)
+        shares, airborne = bounds = self.events.loading(time), self.events.airborne(time)
+        self._contacts.stance[...] = self.points.spread(self.stance & ~self.lost)
+        if bounds != self._bounds or True in airborne:
+            self._bounds = bounds
+            self._bound_forces(shares, airborne)
         if not self.standing:
             target, spread = swing.target, self.points.spread
             target.velocity[...], target.acceleration[...] = spread(self.velocity), spread(self.acceleration)
             if self._headings:
                 self._turn_soles(time, target.velocity, target.acceleration)
             target.position[...] = self.targets
+
+    def _bound_forces(self, shares: list[float], airborne: list[bool]) -> None:
+        """Write the bounds of normal forces: unloaded, a foot that bounced off stays in the air; loaded, it strikes."""
+        contacts, lowest = self._contacts, self._lowest
+        highest = np.multiply(shares, self._highest, out=contacts.highest_normal)
+        if True in airborne:
+            rising = (self._velocities * contacts.normals).sum(axis=1)[self.points.starts]
+            press = self._press * np.clip(1.0 + rising / _FALLING, 0.0, 1.0)
+            lowest = np.where(airborne, press, lowest)
+            np.minimum(highest, press, out=highest, where=np.logical_and(airborne, self.events.brief))
+        np.minimum(lowest, highest, out=contacts.lowest_normal)
 
     def _turn_soles(self, time: float, velocities: Array, accelerations: Array) -> None:
         """Write the targets of the soles' points, and add what they move by turning; soles lie along the ground."""
@@ -438,7 +446,5 @@ class Feet:
 
     def _fixed(self, time: float) -> BoolArray:
         """Return (nc,) the feet in the air whose foothold does not change any more."""
-        fixed = np.zeros(len(self.stance), dtype=np.bool_)
-        for foot in np.flatnonzero(~self.stance).tolist():
-            fixed[foot] = self.events.searching(foot) or self._swings[foot].frozen(time)
-        return fixed
+        ends = [self.events.searching(foot) or path.frozen(time) for foot, path in enumerate(self._swings)]
+        return ~self.stance & ends

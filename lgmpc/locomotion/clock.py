@@ -237,7 +237,7 @@ class GaitClock:
         """
         for other in range(self.nc):
             for swing in self.swings(other, self.time, until) if other != foot else ():
-                if swing.liftoff > self.time and self._standing(swing.liftoff) - lost < self.gait.min_support:
+                if swing.liftoff > self.time and self.flags(swing.liftoff).sum() - lost < self.gait.min_support:
                     delay = max(delay, until - swing.liftoff)
         if delay > 0.0:
             self._delay(delay)
@@ -259,9 +259,6 @@ class GaitClock:
             if swing.liftoff > t:
                 return swing.liftoff
         return math.inf
-
-    def _standing(self, t: float) -> int:
-        return sum(self.swing(foot, t) is None for foot in range(self.nc))
 
     # Queries
 

@@ -82,6 +82,7 @@ class ContactEvents:
         stance: (nc,) which feet carry: the flags for the whole-body QP and for the first interval of a horizon.
         since: (nc,) when each foot entered its state, s.
         resting: whether all feet stand and none is to lift off, at the last update.
+        brief: (nc,) which feet are in the air after a contact that was too short to be accepted.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class ContactEvents:
         self.states = [ContactState.STANCE if stands else ContactState.SWING for stands in flags]
         self.stance: BoolArray = flags
         self.since = [-np.inf if stands else clock.time for stands in flags]
-        self.resting = False
+        self.resting, self.brief = False, [False] * nc
         self._full = [1.0] * nc
         self._below: Callable[[int], bool] = _nowhere
         self._touching = [bool(stands) for stands in flags]
@@ -122,6 +123,7 @@ class ContactEvents:
         if measured is not None and measured != self._touching:
             for foot, touching in enumerate(measured):
                 if touching != self._touching[foot]:
+                    self.brief[foot] = not touching and t - self._changed[foot] < self.settings.touch_time_s
                     self._touching[foot], self._changed[foot] = touching, t
         carries = self.stance.tolist()
         self.resting = self._rests(t, carries)
@@ -245,6 +247,15 @@ class ContactEvents:
             left = [self.clock.next_liftoff(foot, t) - t for foot in range(len(shares))]
             shares = [min(share, time / s.release_s) for share, time in zip(shares, left, strict=True)]
         return [max(share, 0.0) for share in shares]
+
+    def airborne(self, t: float) -> list[bool]:
+        """Return (nc,) which feet carry as decided, but have measured no contact for some time; none at rest."""
+        since = t - self.settings.touch_time_s
+        feet = zip(self.stance.tolist(), self._touching, self.since, self._changed, strict=True)
+        return [
+            not touching and carries and not self.resting and max(begin + self._age, changed) <= since
+            for carries, touching, begin, changed in feet
+        ]
 
 
 def _nowhere(foot: int) -> bool:

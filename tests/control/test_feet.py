@@ -15,7 +15,7 @@ from lgmpc.lie import so3
 from lgmpc.locomotion import BaseMotion, ContactState, MotionCommand
 from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.robot import Robot
-from lgmpc.wbc import Contacts, WholeBodySettings
+from lgmpc.wbc import Contacts, WholeBodySettings, standard_tasks
 
 CONFIG = Path(__file__).parents[2] / "configs" / "solo12_balance.yaml"
 FOOT = 1
@@ -97,3 +97,37 @@ def test_the_displacement_of_feet_is_that_from_the_reference_posture_wherever_th
     points[FOOT] += [0.02, -0.01, 0.0]
     feet.begin(0.0, points, None)
     assert feet.displacement(x, y, yaw) == pytest.approx(math.hypot(0.02, 0.01))
+
+
+@pytest.mark.parametrize("lasted", [0.002, 0.04])
+def test_a_foot_that_bounces_off_is_pressed_down_until_it_falls_by_itself(robot: Robot, lasted: float) -> None:
+    """After a contact of 2 ms, which may have been none, or of 40: then forces may still push it down further."""
+    settings, weight = LocomotionSettings(), 9.81 * robot.mass
+    contacts = Contacts.standing(robot, WholeBodySettings().scaled(robot))
+    feet = Feet(robot, settings, gaits_of(robot, settings), contacts)
+    swing = next(task for task in standard_tasks(robot, WholeBodySettings()) if task.name == "swing")
+    loads = {}
+    points, still = feet.legs.feet * [1.0, 1.0, 0.0], BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+    feet.begin(0.0, points, None)
+    touchdown = np.inf
+    for time in 1e-3 * np.arange(1, 350):
+        feet.follow(time, MotionCommand(vx=0.1, gait="trot"))
+        touching = feet.clock.flags(time)
+        if touching[FOOT] and feet.clock.last_touchdown(FOOT, time) > 0.0:
+            touchdown = min(touchdown, time)
+        since = time - touchdown
+        touching[FOOT] &= not lasted - 1e-9 <= since < lasted + 0.015
+        falling = np.zeros((4, 3))
+        falling[FOOT, 2] = -0.2 if since > lasted + 0.01 else 0.0
+        feet.update(time, np.where(feet.stance[:, None], points, feet.position), falling, touching, still)
+        feet.write_contacts(time, swing)
+        loads[round(since, 3)] = contacts.lowest_normal[FOOT], contacts.highest_normal[FOOT]
+    press, most = 0.1 * weight, 24.0 * robot.mass
+
+    def bounds(since: float, share: float) -> object:
+        opened = most * min((lasted + since) / settings.contacts.ramp_s, 1.0)
+        return pytest.approx((share * press, share * press if lasted < 0.003 else opened), rel=1e-3)
+
+    assert loads[lasted + 0.002] == pytest.approx((0.04 * robot.mass, most * min((lasted + 0.002) / 0.025, 1.0)))
+    assert loads[lasted + 0.006] == bounds(0.006, 1.0)
+    assert loads[lasted + 0.013] == bounds(0.013, 0.5)  # at half of the speed

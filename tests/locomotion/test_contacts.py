@@ -220,6 +220,24 @@ def test_a_foot_that_hopped_is_steady_once_its_touch_counts() -> None:
     assert [tick for tick in steady if not steady[tick]] == list(range(lands - 2, counts + 1))
 
 
+@pytest.mark.parametrize("age", [0, 4])
+def test_a_foot_that_loses_its_contact_is_airborne_until_it_touches_again(age: int) -> None:
+    gone, back = 60, 75  # ticks after its touchdown
+    script, found = Script(age=age), []
+    touchdown = script.first.touchdown
+
+    def bounce(t: float, contacts: np.ndarray) -> None:
+        contacts[0] &= not gone * TICK <= t - touchdown < back * TICK
+
+    for tick in range(round(touchdown / TICK), round(TROT.period_s / TICK) - 10):
+        script.run(tick * TICK, bounce)
+        found += [tick - round(touchdown / TICK)] * script.events.airborne(script.t - TICK)[0]
+        assert not any(script.events.airborne(script.t - TICK)[1:])
+    accepted = round(SETTINGS.touch_time_s / TICK)
+    assert min(found) == gone + age + accepted + 1 and max(found) == back + age
+    assert len(found) == back - gone - accepted  # and not when its touchdown was due, before the floor was measured
+
+
 def test_the_horizon_begins_with_what_the_feet_do() -> None:
     script = Script()
     script.run(TROT.swing_s + 0.01, lambda t, contacts: contacts.__setitem__(0, False))

@@ -38,23 +38,26 @@ from lgmpc.wbc.settings import Gain
 from lgmpc.wbc.terms import WholeBodyTerms
 
 
+class UnknownTargetError(InputError, AttributeError):
+    """The name of a target that a task does not have."""
+
+
 class Target:
     """The targets of a task: named buffers, attributes of this object, to be written to between two ticks."""
 
     def __init__(self, task: str, buffers: Mapping[str, Array]) -> None:
-        self._task = task
-        self._names = tuple(buffers)
+        self._task, self._names = task, tuple(buffers)
         self.__dict__.update(buffers)
 
     def __getattr__(self, name: str) -> Array:
         """Raise for the name of a target that the task does not have.
 
         Raises:
-            InputError: names the nearest target.
+            UnknownTargetError: names the nearest target.
         """
         if name.startswith("_"):
             raise AttributeError(name)
-        raise InputError(f"target of task '{self._task}'", name, "one of its targets", self._names)
+        raise UnknownTargetError(f"target of task '{self._task}'", name, "one of its targets", self._names)
 
 
 class Task(ABC):
@@ -86,7 +89,6 @@ class Task(ABC):
     def __init__(self, gain: Gain, weight: float | Sequence[float], name: str = "") -> None:
         self.name = name or self.name or type(self).__name__
         targets = self.targets()
-        shapes = {parameter.name: shape for parameter, shape in targets}
         self.layout = ParameterLayout(
             *(parameter for parameter, _ in targets),
             Parameter("kp", self.dim, "stiffness, 1/s2", gain.kp),
@@ -96,7 +98,7 @@ class Task(ABC):
         self.memory = self.layout.default.copy()
         views = {key: self.layout.view(self.memory, key) for key in self.layout}
         self.kp, self.kd, self.weight = views["kp"], views["kd"], views["weight"]
-        self.target = Target(self.name, {key: views[key].reshape(shape) for key, shape in shapes.items()})
+        self.target = Target(self.name, {each.name: views[each.name].reshape(shape) for each, shape in targets})
         self.targets_together: Array = self.memory[: self.layout["kp"].start]
 
     def structural_state(self) -> dict[str, Any]:
@@ -108,9 +110,8 @@ class Task(ABC):
 
     def targets(self) -> list[tuple[Parameter, tuple[int, ...]]]:
         """Return the targets, each with the shape of its buffer."""
-        return [
-            (Parameter(key, self.dim, f"target {key}"), (self.dim,)) for key in ("position", "velocity", "acceleration")
-        ]
+        names = ("position", "velocity", "acceleration")
+        return [(Parameter(each, self.dim, f"target {each}"), (self.dim,)) for each in names]
 
     def hold(self, position: Array) -> None:
         """Set the target to rest at ``position``."""
@@ -195,8 +196,7 @@ class SymbolicTask(Task):
             if column.shape != (self.dim, 1):
                 raise InputError(what, f"shape {column.shape}", expected)
         rhs = parts["acceleration"] + s["kp"] * parts["error"] + s["kd"] * parts["rate"] - parts["drift"]
-        active = parts["active"]
-        return TaskRows(self.jacobian(s), ca.if_else(active, rhs, 0.0), ca.if_else(active, s["weight"], 0.0))
+        return TaskRows(self.jacobian(s), *(ca.if_else(parts["active"], each, 0.0) for each in (rhs, s["weight"])))
 
 
 class NumericTask(Task):

@@ -237,6 +237,8 @@ def test_a_foothold_keeps_its_distance_from_another_foot(legs: LegGeometry) -> N
     assert math.dist(near, (alone[0] + 0.01, alone[1])) == pytest.approx(0.3 * legs.length[0])
     same = planner.place(0, motion, 0.0, 0.2, [alone])
     assert math.dist(same, alone) == pytest.approx(0.3 * legs.length[0])
+    outward = legs.feet[0, :2] / math.hypot(*legs.feet[0, :2])  # the way from the base to the foot
+    assert (np.subtract(same, alone) @ outward) == pytest.approx(0.3 * legs.length[0])
     far = planner.place(0, motion, 0.0, 0.2, [(alone[0] + 0.2, alone[1])])
     assert far == alone
 

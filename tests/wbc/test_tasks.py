@@ -263,6 +263,8 @@ def test_a_controller_follows_ones_own_task(solo12):
 def test_a_target_that_a_task_does_not_have_is_named(solo12):
     with pytest.raises(InputError, match="target of task 'com': got posittion.*position"):
         ComTask(STIFF, 1.0).target.posittion[:] = 0.0
+    assert hasattr(ComTask(STIFF, 1.0).target, "velocity")
+    assert not hasattr(ComTask(STIFF, 1.0).target, "rotation")
 
 
 def test_standing_targets_are_here_and_in_the_reference_posture(solo12, random_state):

@@ -1,8 +1,9 @@
-"""Times at equal distances: nodes of a horizon, ticks of a controller, steps of a plant."""
+"""Times at equal distances (nodes of a horizon, ticks, steps of a plant), and the course of a motion over its time."""
 
 import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,6 +65,11 @@ def _multiples(period: float, count: int) -> Array:
     found = period * np.arange(count + 1, dtype=np.float64)
     found.flags.writeable = False
     return found
+
+
+def minimum_jerk(x: Any) -> tuple[Any, Any, Any]:
+    """Return the way from rest to rest, 0 to 1, at the share ``x`` of its time, and its first two derivatives by it."""
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
 
 
 def periods_in(key: str, rate_hz: float, fast_key: str, fast_hz: float) -> int:

@@ -328,3 +328,9 @@ def test_feet_know_where_they_touch() -> None:
     }
     assert found == {}
     assert down.search((PACKAGE / "robot" / "soles.py").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("formula", "place"), [(r"10\.0 - 15\.0 \*", "timegrid"), (r"\b9\.81\b", "typing")])
+def test_minimum_jerk_and_gravity_are_written_once(formula: str, place: str) -> None:
+    found = {module for module, path in modules(PACKAGE) if re.search(formula, path.read_text(encoding="utf-8"))}
+    assert found == {place}

@@ -12,7 +12,7 @@ from lgmpc.config.loading import load_config
 from lgmpc.control.planner import Planner
 from lgmpc.errors import InputError
 from lgmpc.simulation import control_ticks
-from lgmpc.timegrid import TimeGrid, periods_in
+from lgmpc.timegrid import TimeGrid, minimum_jerk, periods_in
 
 GRIDS = st.builds(TimeGrid, st.floats(1e-3, 1.0), st.integers(1, 60), st.floats(0.0, 100.0))
 SHARES = st.floats(-2.0, 62.0)
@@ -73,3 +73,11 @@ def test_rates_that_do_not_divide_are_refused_by_their_key(use: Callable[[], obj
         use()
     assert message in str(error.value)
     assert control_ticks(1e-3, 500.0, 0.1) == TimeGrid(0.002, 50)
+
+
+def test_minimum_jerk_is_at_rest_at_its_ends_and_has_its_own_derivatives() -> None:
+    np.testing.assert_allclose(minimum_jerk(np.array([0.0, 1.0])), [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-15)
+    x, h = np.linspace(0.1, 0.9, 9), 1e-6
+    before, now, after = (minimum_jerk(x + each) for each in (-h, 0.0, h))
+    for order in (0, 1):
+        np.testing.assert_allclose((after[order] - before[order]) / (2.0 * h), now[order + 1], atol=1e-8)

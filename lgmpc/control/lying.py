@@ -6,6 +6,7 @@ import pinocchio as pin
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import crouching_posture, lying_posture, place_feet
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
+from lgmpc.timegrid import minimum_jerk
 from lgmpc.typing import Array
 
 _NEAR = 0.2  # rad from the lying posture, within which the legs move to it directly
@@ -93,7 +94,7 @@ class LegRetraction:
         if k >= len(self._times) - 1:
             return self._knots[-1], np.zeros_like(self.lying)
         duration = float(self._times[k + 1] - self._times[k])
-        way, rate, _ = least_jerk((t - float(self._times[k])) / duration)
+        way, rate, _ = minimum_jerk((t - float(self._times[k])) / duration)
         step = self._knots[k + 1] - self._knots[k]
         return self._knots[k] + way * step, rate / duration * step
 
@@ -134,15 +135,10 @@ class RiseMotion:
         s, elapsed = self._settings, t - self._begin
         self.support = max(1.0 - elapsed / s.load_s, 0.0) if self._rising else 0.0
         moving = elapsed - s.load_s if self._rising else elapsed
-        way, rate, curvature = least_jerk(min(max(moving / self._duration, 0.0), 1.0))
+        way, rate, curvature = minimum_jerk(min(max(moving / self._duration, 0.0), 1.0))
         self.lying = 1.0 - way if self._rising else way
         np.multiply(way, self._way, out=self.offset)
         self.offset += self._start
         np.multiply(rate / self._duration, self._way, out=self.velocity)
         np.multiply(curvature / self._duration**2, self._way, out=self.acceleration)
         return moving >= self._duration
-
-
-def least_jerk(x: float) -> tuple[float, float, float]:
-    """Return the minimum-jerk position, 0 to 1, at the share ``x`` of the time, and its first two derivatives."""
-    return (x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x))

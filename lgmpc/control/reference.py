@@ -18,7 +18,7 @@ from lgmpc.locomotion.settings import LocomotionSettings
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.settings import NonNegative, Positive, Settings, key
-from lgmpc.timegrid import TimeGrid
+from lgmpc.timegrid import TimeGrid, minimum_jerk
 from lgmpc.typing import Array
 from lgmpc.wbc import Task, WholeBodyTerms
 
@@ -60,9 +60,7 @@ class CircleReference(Settings):
         omega = 2.0 * np.pi * self.frequency_hz
         elapsed = np.maximum(np.asarray(times) - self.start_s, 0.0)
         s = np.minimum(elapsed / self.ramp_s, 1.0)
-        r = self.radius_m * s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-        dr = self.radius_m * 30.0 * s**2 * (1.0 - s) ** 2 / self.ramp_s
-        ddr = self.radius_m * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.ramp_s**2
+        r, dr, ddr = (self.radius_m * each / self.ramp_s**k for k, each in enumerate(minimum_jerk(s)))
         phase = omega * elapsed
         radial = np.column_stack([np.cos(phase), np.sin(phase), np.zeros_like(phase)])
         tangential = np.column_stack([-np.sin(phase), np.cos(phase), np.zeros_like(phase)])

@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field
 
 from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
+from lgmpc.timegrid import minimum_jerk
 from lgmpc.typing import GRAVITY, Array
 
 _STEEPEST = 2.0
@@ -45,7 +46,7 @@ _MARGIN_SHARE = 0.35
 """Least height of a foot above what is below its way, in clearances."""
 _NEAR = 1e-3  # m
 _TIMES = np.linspace(0.0, 1.0, 41)
-_MINIMUM_JERK = _TIMES**3 * (10.0 - 15.0 * _TIMES + 6.0 * _TIMES**2)
+_MINIMUM_JERK = minimum_jerk(_TIMES)[0]
 _SHAPES = np.array(
     [
         (wait, early, highest)

@@ -23,6 +23,7 @@ from lgmpc.lie import checks, so3
 from lgmpc.lie.symbolic import so3 as symbolic
 from lgmpc.mechanics.checks import check_positive, frozen
 from lgmpc.mechanics.connection import Connection, Loop
+from lgmpc.timegrid import minimum_jerk
 from lgmpc.typing import Array
 
 
@@ -117,8 +118,7 @@ def flip(bend: float) -> Loop:
 
     def loop(s: Any) -> Any:
         def ease(start: float) -> Any:
-            x = ca.fmin(ca.fmax(3.0 * s - start, 0.0), 1.0)
-            return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+            return minimum_jerk(ca.fmin(ca.fmax(3.0 * s - start, 0.0), 1.0))[0]
 
         size, direction = bend * (ease(0.0) - ease(2.0)), 2.0 * ca.pi * ease(1.0)
         return ca.vertcat(size * ca.cos(direction), size * ca.sin(direction))

@@ -12,14 +12,14 @@ from lgmpc.mpc.interface import MeasuredState
 from lgmpc.mpc.plan import Plan
 from lgmpc.mpc.reference import CentroidalReference
 from lgmpc.mpc.settings import CentroidalWeights, MpcSettings
-from lgmpc.mpc.sqp import GRAVITY, SqpMpc, checked_mass, input_error, write_intervals
+from lgmpc.mpc.sqp import SqpMpc, checked_mass, input_error, write_intervals
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.robot import Robot
 from lgmpc.robot.friction import chosen_facets
 from lgmpc.settings import NonNegative, Settings, Vector3, key
 from lgmpc.solvers import Solution
 from lgmpc.status import Status
-from lgmpc.typing import Array
+from lgmpc.typing import GRAVITY, Array
 
 
 class CentroidalSteppingWeights(Settings):
@@ -78,7 +78,7 @@ class CentroidalMpc(SqpMpc):
         settings: CentroidalMpcSettings | None = None,
         *,
         feet: tuple[int, ...] | None = None,
-        gravity: tuple[float, float, float] | Array = GRAVITY,
+        gravity: tuple[float, float, float] | Array = (0.0, 0.0, -GRAVITY),
     ) -> None:
         s = CentroidalMpcSettings() if settings is None else settings
         mass = checked_mass(mass)

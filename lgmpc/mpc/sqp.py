@@ -17,9 +17,6 @@ from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.solvers import RealTimeSqp, Solution, Status
 from lgmpc.typing import Array, BoolArray, IntArray
 
-GRAVITY: tuple[float, float, float] = (0.0, 0.0, -9.81)
-"""Acceleration of gravity unless given, world axes, m/s2."""
-
 _LOG = logging.getLogger(__name__)
 
 # An inexactly solved subproblem is accepted if it violates its constraints by less than this share of the weight

@@ -32,7 +32,7 @@ from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot, leg_clearances
 from lgmpc.robot.actuators import match_joints
 from lgmpc.settings import Count, Finite, Interval, NonNegative, Positive, Settings, Vector3, key
-from lgmpc.timegrid import TimeGrid
+from lgmpc.timegrid import TimeGrid, minimum_jerk
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -86,7 +86,8 @@ class LegStrokes(Settings):
         phase = 2.0 * np.pi * self.count * (times - times[0]) / duration
         cosine, sine = np.cos(phase)[:, None], np.sin(phase)[:, None]
         strokes = (stretched + folded) / 2.0 + (stretched - folded) / 2.0 * cosine + sweep * sine
-        share = np.minimum(_smooth((times - times[0]) / self.ramp_s), _smooth((times[-1] - times) / self.ramp_s))
+        ramps = np.minimum(times - times[0], times[-1] - times) / self.ramp_s
+        share = minimum_jerk(np.clip(ramps, 0.0, 1.0))[0]
         reference = robot.q_reference[robot.joint_q]
         return CubicSpline(times, reference + share[:, None] * (strokes - reference), bc_type="clamped")
 
@@ -274,9 +275,3 @@ def _by_joint(robot: Robot, key: str, values: Mapping[str, float]) -> Array:
     if problems:
         raise InputError(f"strokes.{key}", ", ".join(values), "names or patterns of joints", robot.joint_names)
     return np.array([given.get(name, 0.0) for name in robot.joint_names])
-
-
-def _smooth(s: Array) -> Array:
-    """Return the smooth step from 0 to 1 whose first two derivatives are zero at both ends."""
-    s = np.clip(s, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)

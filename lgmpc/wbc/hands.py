@@ -10,6 +10,7 @@ import pinocchio as pin
 from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
 from lgmpc.robot import Robot
+from lgmpc.timegrid import minimum_jerk
 from lgmpc.typing import Array
 from lgmpc.wbc.settings import HandMove, HandSettings
 from lgmpc.wbc.tasks import SymbolicTask
@@ -134,12 +135,13 @@ class HandMotion:
             self._start(self._moves[self._done], time)
             self._done += 1
         if self._begun_s < math.inf:
-            s, rate, acceleration = _smooth((time - self._begun_s) / self._duration, self._duration)
+            share = min(max((time - self._begun_s) / self._duration, 0.0), 1.0)
+            s, rate, curvature = minimum_jerk(share)
             way, turn = self._way[:3], self._way[3:]
             self._task.aim(pin.SE3(self._from.rotation @ pin.exp3(s * turn), self._from.translation + s * way))
             along = np.concatenate([way, self._from.rotation @ turn])
-            target.velocity[:] = rate * along
-            target.acceleration[:] = self._feed_forward[:] = acceleration * along
+            target.velocity[:] = rate / self._duration * along
+            target.acceleration[:] = self._feed_forward[:] = curvature / self._duration**2 * along
             if s == 1.0:
                 self._begun_s = math.inf
         if settings.integral_gain > 0.0:
@@ -174,13 +176,3 @@ class HandMotion:
         self._from, self._begun_s, self._duration = start, time, move.duration_s
         self._way[:3] = end.translation - start.translation
         self._way[3:] = pin.log3(start.rotation.T @ end.rotation)
-
-
-def _smooth(share: float, duration: float) -> tuple[float, float, float]:
-    """Return minimum jerk from 0 to 1 at a share of its duration, its rate and its acceleration."""
-    s = min(max(share, 0.0), 1.0)
-    return (
-        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-        30.0 * s**2 * (1.0 - s) ** 2 / duration,
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / duration**2,
-    )

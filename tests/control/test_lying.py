@@ -9,7 +9,7 @@ import pytest
 
 from lgmpc.config.build import build_robot
 from lgmpc.config.loading import load_config
-from lgmpc.control.lying import LegRetraction, LyingSettings, RiseMotion, least_jerk
+from lgmpc.control.lying import LegRetraction, LyingSettings, RiseMotion
 from lgmpc.robot import Robot
 from lgmpc.robot.lying import lying_posture
 from lgmpc.robot.posture import contact_heights
@@ -78,9 +78,3 @@ def test_a_lift_goes_all_the_way_with_the_weight_on_the_feet(rising: bool) -> No
     np.testing.assert_allclose(rows[[0, -1], 10], [1.0, 0.0] if rising else [0.0, 1.0], atol=1e-12)
     moving = np.linalg.norm(rows[:, 3:6], axis=1) > 1e-9
     assert (rows[moving, 9] < 1e-9).all(), "the feet carry the whole weight while the trunk moves"
-
-
-def test_least_jerk_has_no_velocity_and_no_acceleration_at_its_ends() -> None:
-    assert least_jerk(0.0) == (0.0, 0.0, 0.0)
-    np.testing.assert_allclose(least_jerk(1.0), (1.0, 0.0, 0.0), atol=1e-15)
-    assert least_jerk(0.5)[0] == pytest.approx(0.5)

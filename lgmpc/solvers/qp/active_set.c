@@ -3,13 +3,15 @@
 #include <string.h>
 
 #define FEW 4.0 /* rows that may change in any sweep of an active set, even if fewer did in the last one */
-#define FIRST 0.125 /* share of the rows that may change in the first sweep */
+#define FIRST 0.03 /* share of the rows that may change in the first sweep */
+#define CONTRACTION 0.7 /* share of a sweep's changes that the next one may make */
 #define GROWTH 10.0 /* of the penalty with each update of the multipliers */
 #define STIFFEST 1e5 /* penalty beyond which it does not grow, in control weights */
 #define START 20.0 /* penalty of all rows where the central path begins, in control weights */
 #define SHORTEST 1e-6 /* a shorter step counts as none */
 #define LONG 0.8 /* a step as long as this separates the active bounds from the others */
 #define SETTLED 0.02 /* share of the active bounds that may still change when they count as identified */
+#define TRIAL 15 /* after so many steps the active bounds are tried as they are: steps may stay at 0.6 for ever */
 #define REFINEMENTS 2 /* corrections of rounding; each takes a factor of the penalty's condition off */
 
 typedef struct {
@@ -146,7 +148,7 @@ EXPORT int lgmpc_qp_active_set(const Solver* s) {
     measure(f);
     if (measures[1] <= tolerance && accept(s)) return 1;
     if (measures[2] > (allowed > FEW ? allowed : FEW)) return 0; /* no contraction: the guess was too far off */
-    allowed = measures[2];
+    allowed = CONTRACTION * measures[2];
     if (measures[0] <= tolerance) { /* the minimiser for these multipliers */
       const double stiffer = fmin(GROWTH * f->numbers[1], STIFFEST * weight);
       EACH_ROW {
@@ -184,7 +186,8 @@ EXPORT int lgmpc_qp_interior_point(const Solver* s) {
     lgmpc_path_step(path);
     if (!(path->measures[2] > SHORTEST)) return 0;
     if (optimal(s)) return 1;
-    if (path->measures[0] <= SETTLED * path->measures[1] && path->measures[2] > LONG) {
+    const int settled = path->measures[0] <= SETTLED * path->measures[1] && path->measures[2] > LONG;
+    if (settled || (steps + 1) % TRIAL == 0) {
       lgmpc_path_identify(path);
       memcpy(s->penalties->point, path->point, size), memcpy(s->penalties->mu, path->multipliers, size);
       if (lgmpc_qp_active_set(s)) return 1;

@@ -12,8 +12,8 @@ piece that they define is one call of the Riccati solver with these rows penalis
 nonsmooth version of Newton's method", Math. Prog. 58, 1993) calls it with the active rows of the last point until they
 stay the same; then ``mu <- rho (row + mu / rho - nearest point)`` (Hestenes' and Powell's method of multipliers), with
 a larger rho from one time to the next. From one iteration of an SQP, or one tick of an MPC, to the next few rows
-change: one to three sweeps confirm the active set that the multipliers imply. Where more rows change in a sweep than
-in the one before, the guess was too far off, and the interior point method takes over.
+change: one to three sweeps confirm the active set that the multipliers imply. Where a sweep changes more than a few
+rows, and not much fewer than the one before, the guess was too far off, and the interior point method takes over.
 
 *Interior point.* With slacks s and multipliers z of every bound, a Newton step on ``s z = sigma mu`` is the solver's
 with weights ``z / s``. Steps have a predictor and a corrector that shares its factors (Mehrotra, "On the implementation
@@ -82,7 +82,7 @@ class ActiveSetSolver:
         self,
         qp: OcpQp,
         tolerance: float = 1e-6,
-        max_sweeps: int = 25,
+        max_sweeps: int = 12,
         max_iterations: int = 30,
         fallbacks: Sequence[QpSolver] | None = None,
         riccati: RiccatiSolver | None = None,

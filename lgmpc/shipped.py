@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from lgmpc.errors import ConfigError
+from lgmpc.errors import ConfigError, InputError
 
 _PACKAGE = Path(__file__).resolve().parent
 _SCHEMA_LINE = re.compile(r"^# yaml-language-server: \$schema=schema\.json$", re.MULTILINE)
@@ -94,4 +94,6 @@ def sweep_file(path: str | Path) -> Path:
 
 
 def _file_of(path: str | Path, among: dict[str, ShippedConfig]) -> Path:
+    if not isinstance(path, str | Path):
+        raise InputError("path", type(path).__name__, "a YAML file, or the name of a shipped one")
     return among[str(path)].file if str(path) in among and not Path(path).is_file() else Path(path)

@@ -4,11 +4,16 @@ import importlib
 import pkgutil
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 from public_names import public_names
 
 import lgmpc
+from lgmpc.errors import InputError
+from lgmpc.wbc import WholeBodySettings
 
 NAMES = [name for name in lgmpc.__all__ if name != "__version__"]
 
@@ -62,3 +67,28 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         lgmpc.Fdpp  # noqa: B018
     with pytest.raises(ImportError, match="cannot import name 'Fdpp'"):
         from lgmpc import Fdpp  # noqa: F401
+
+
+@pytest.mark.parametrize(
+    "wrong", [None, float("nan"), object(), np.zeros((3, 3))], ids=["None", "nan", "object", "array"]
+)
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lgmpc.load_config, "path"),
+        (lgmpc.load_solve_config, "path"),
+        (lgmpc.load_sweep, "path"),
+        (lgmpc.run_sweep, "path"),
+        (lgmpc.drive, "path"),
+        (lgmpc.load_run, "run"),
+        (lgmpc.show, "run"),
+        (lgmpc.plot, "run"),
+        (lgmpc.explain, "run"),
+        (lgmpc.report, "run"),
+        (lambda wrong: lgmpc.WholeBodyController(wrong, WholeBodySettings()), "robot"),
+        (lambda wrong: lgmpc.CentroidalMpc(wrong, 4), "mass"),
+    ],
+)
+def test_an_argument_of_a_wrong_type_is_named(call: Callable[[Any], object], argument: str, wrong: Any) -> None:
+    with pytest.raises(InputError, match=f"^{argument}: "):
+        call(wrong)

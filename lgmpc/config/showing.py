@@ -239,7 +239,8 @@ def _config_of(run: Run | SolvedRun) -> Any:
 
 
 def _load(run: "str | Path | FinishedRun | FinishedSolve") -> Run | SolvedRun:
-    return load_run(run if isinstance(run, str | Path) else run.folder.path)
+    place: Any = getattr(getattr(run, "folder", None), "path", run)
+    return load_run(place)
 
 
 def _robot_of(run: Run | SolvedRun) -> Robot:

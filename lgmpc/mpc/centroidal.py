@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from lgmpc.actions import CentroidalAction
+from lgmpc.lie.checks import typed
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.compiled import NOT_FINITE, OVERFLOWN, SOLVED, CompiledUpdate
 from lgmpc.mpc.interface import MeasuredState
@@ -71,6 +72,7 @@ class CentroidalMpc(SqpMpc):
         MissingDependencyError: the QP solver is not installed.
     """
 
+    @typed
     def __init__(
         self,
         mass: float,

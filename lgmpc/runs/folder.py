@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lgmpc.errors import RunFolderError, nearest
+from lgmpc.lie.checks import typed
 from lgmpc.runs.atomic import atomic_write, reason_of
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.recorded import Recorded
@@ -151,6 +152,7 @@ def find_run(text: str, runs: str | Path = "runs") -> Path:
     return max(finished, key=lambda path: ((path / RESULT_FILE).stat().st_mtime_ns, path.name))
 
 
+@typed
 def load_run(run: str | Path, runs: str | Path = "runs") -> Run | SolvedRun:
     """Return the checked contents of a run folder: of a closed loop with its log, or of a solved problem.
 

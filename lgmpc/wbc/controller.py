@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lgmpc.errors import InputError
+from lgmpc.lie.checks import typed
 from lgmpc.robot import Robot
 from lgmpc.status import Status
 from lgmpc.typing import Array
@@ -54,6 +55,7 @@ class WholeBodyController:
         CompileError: the compiler failed on the tasks' expressions.
     """
 
+    @typed
     def __init__(self, robot: Robot, settings: WholeBodySettings, tasks: Sequence[Task] | None = None) -> None:
         self.robot, self.settings = robot, settings
         self.terms = WholeBodyTerms(robot)

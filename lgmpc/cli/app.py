@@ -1,7 +1,7 @@
 """The commands: their names, arguments and options. Examples are in ``examples.txt``."""
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -27,6 +27,7 @@ from lgmpc.cli.options import (
     option,
 )
 from lgmpc.cli.screen import err, guarded, out as stdout, show_page
+from lgmpc.errors import InputError
 
 if TYPE_CHECKING:
     from lgmpc.config import Config
@@ -39,13 +40,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-_PORT = 47800
-"""Port of a simulated robot."""
 DriverName = Annotated[
     Literal["udp", "unitree", "odri"], option("Link: UDP, the topics of Unitree's robots, or ODRI's library.")
 ]
 Interface = Annotated[
-    str, option("Network interface of a Unitree robot (lo: one that is simulated here); YAML file of an ODRI robot.")
+    str | None, option("Network interface of a Unitree robot (lo: one simulated here); YAML file of an ODRI robot.")
 ]
 Secret = Annotated[
     Path | None,
@@ -126,6 +125,15 @@ def live(
     """
     from lgmpc.live.viewing import Viewing
 
+    end, udp = None, driver == "udp"
+    if robot:
+        from lgmpc.cli.running import RobotEnd
+        from lgmpc.hardware.udp import parse_address
+
+        end = RobotEnd(driver, parse_address(robot) if udp else None, secret, None if udp else robot)
+    elif secret or not udp:
+        raise InputError("--robot", "none", "that of --driver or --secret")
+
     @cache
     def load() -> "Config":
         from lgmpc.config import load_config
@@ -133,15 +141,12 @@ def live(
         return load_config(config, [*overrides, *more])
 
     console = err()
-    with Viewing(port, browser).open(lambda message: console.print(message, markup=False), load) as link:
-        from lgmpc.cli.running import RobotEnd, deploy_shown, live_shown
+    with Viewing(port, browser).open(partial(console.print, markup=False), load) as link:
+        from lgmpc.cli.running import deploy_shown, live_shown
 
-        if not robot:
+        if end is None:
             live_shown(load(), link, out, duration)
             return None
-        from lgmpc.hardware.udp import parse_address
-
-        end = RobotEnd(driver, parse_address(robot) if driver == "udp" else ("", 0), secret, robot)
         return deploy_shown(load().replace({"duration_s": duration}), end, out, disarmed=True, page=link)
 
 
@@ -171,12 +176,12 @@ def deploy(
     config: ConfigFile,
     more: MoreOverrides = [],  # noqa: B006 (typer copies it)
     overrides: Overrides = [],  # noqa: B006
-    address: Annotated[str, typer.Option("--robot", metavar="HOST:PORT", help="Address of the robot.")] = (
-        f"127.0.0.1:{_PORT}"
-    ),
+    address: Annotated[
+        str | None, option("Address of the robot; 127.0.0.1:47800 if not given.", "--robot", metavar="HOST:PORT")
+    ] = None,
     driver: DriverName = "udp",
     secret: Secret = None,
-    interface: Interface = "eth0",
+    interface: Interface = None,
     disarmed: Annotated[bool, typer.Option("--disarmed", help="Send nothing until the key a is pressed.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Compute commands, but send none.")] = False,
     out: OutFolder = Path("runs"),
@@ -194,7 +199,7 @@ def deploy(
     from lgmpc.cli.running import RobotEnd, deploy_shown
     from lgmpc.hardware.udp import parse_address
 
-    link = RobotEnd(driver, parse_address(address), secret, interface)
+    link = RobotEnd(driver, parse_address(address) if address else None, secret, interface)
     return deploy_shown(loaded, link, out, disarmed=disarmed, dry_run=dry_run, as_json=as_json, quiet=quiet)
 
 
@@ -204,10 +209,10 @@ def robot(
     more: MoreOverrides = [],  # noqa: B006
     overrides: Overrides = [],  # noqa: B006
     host: Annotated[str, typer.Option(help="Address of this machine to listen at.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes any free one.")] = _PORT,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes any free one.")] = 47800,
     driver: DriverName = "udp",
     secret: Secret = None,
-    interface: Interface = "lo",
+    interface: Interface = None,
     lock_step: Annotated[
         bool,
         typer.Option("--lock-step", help="Wait for the answer to each measurement instead of moving in real time."),
@@ -223,7 +228,8 @@ def robot(
     loaded = load_config(config, [*overrides, *more])
     from lgmpc.cli.running import RobotEnd, serve_shown
 
-    return serve_shown(loaded, RobotEnd(driver, (host, port), secret, interface), lock_step=lock_step)
+    end = RobotEnd(driver, (host, port) if driver == "udp" else None, secret, interface)
+    return serve_shown(loaded, end, lock_step=lock_step)
 
 
 _command(studies.sweep)
@@ -243,7 +249,6 @@ def play(
     The page is one self-contained file, which any browser opens, on any machine.
     """
     from lgmpc.config.showing import export as write, show
-    from lgmpc.errors import InputError
     from lgmpc.runs import find_run
 
     folder = find_run(run, runs)
@@ -251,10 +256,7 @@ def play(
         if video.suffix not in (".mp4", ".gif"):
             raise InputError("--video", video.name, "a file that ends in .mp4 or .gif")
         stdout().print(f"wrote {write(folder, video)}", markup=False)
-    if html is None and video is not None:
-        return
-    file = show(folder, html)
-    if file is not None:
+    if (html is not None or video is None) and (file := show(folder, html)) is not None:
         show_page(file)
 
 
@@ -283,7 +285,6 @@ def export(
 ) -> None:
     """Write a run for other tools: pandas and spreadsheets, Foxglove, rerun (extra `data`)."""
     from lgmpc.config.showing import export as write
-    from lgmpc.errors import InputError
     from lgmpc.runs import find_run
 
     files = {"--csv": csv, "--parquet": parquet, "--mcap": mcap, "--rrd": rrd}
@@ -413,7 +414,6 @@ def configs(
 ) -> None:
     """List the configs that come with lgmpc, or write one of them to a file to edit."""
     from lgmpc.cli.inspecting import copy_config, list_configs
-    from lgmpc.errors import InputError
 
     if copy:
         copy_config(copy, destination, force=force)

@@ -67,9 +67,7 @@ def live_shown(config: Config, link: "Link", folder: Path, duration_s: float) ->
 
     console = err()
     with warnings_on(console):
-        saved = live_config(
-            config, link, folder, duration_s=duration_s, notify=lambda message: console.print(message, markup=False)
-        )
+        saved = live_config(config, link, folder, duration_s=duration_s, notify=partial(console.print, markup=False))
     if saved is None:
         console.print("nothing was recorded")
     else:
@@ -136,35 +134,38 @@ class RobotEnd(NamedTuple):
 
     Attributes:
         driver: udp, unitree or odri.
-        address: host and port, of UDP.
+        address: host and port, of UDP; None for the default.
         secret: file, of UDP; None for the user's own.
-        interface: network interface of Unitree's robots, file of ODRI's.
+        interface: network interface of Unitree's robots, file of ODRI's; None for the default.
     """
 
     driver: str
-    address: tuple[str, int]
+    address: tuple[str, int] | None
     secret: Path | None
-    interface: str
+    interface: str | None
 
     def end(self, *, robots: bool, period: float = 0.0) -> "Callable[[Robot], Any]":
         """Return the constructor of the controller's or the robot's end; ``period`` is that of the ticks, s."""
+        udp, interface = self.driver == "udp", self.interface or ("lo" if robots else "eth0")
+        foreign = {"--interface": self.interface} if udp else {"--robot": self.address, "--secret": self.secret}
+        for option, given in foreign.items():
+            if given is not None:
+                raise InputError(option, given, f"none: --driver {self.driver} does not use it")
         if self.driver == "odri":
             if robots:
                 raise InputError("--driver", "odri", "a link that a simulated robot speaks", ("udp", "unitree"))
             from lgmpc.hardware.odri import OdriDriver
 
-            return lambda robot: OdriDriver(self.interface, robot.q_reference[robot.joint_q], period)
+            return lambda robot: OdriDriver(interface, robot.q_reference[robot.joint_q], period)
         if self.driver == "unitree":
             from lgmpc.hardware.unitree import UnitreeDriver, UnitreeRobot
 
-            return lambda robot: (UnitreeRobot if robots else UnitreeDriver)(robot.joint_names, self.interface)
+            return lambda robot: (UnitreeRobot if robots else UnitreeDriver)(robot.joint_names, interface)
         from lgmpc.hardware import UdpDriver, UdpRobot
         from lgmpc.hardware.secret import read_secret
 
-        secret = read_secret(self.secret)
-        if robots:
-            return lambda robot: UdpRobot(robot.nu, *self.address, secret)
-        return lambda robot: UdpDriver(self.address, robot.nu, secret)
+        secret, at = read_secret(self.secret), self.address or ("127.0.0.1", 47800)
+        return lambda robot: UdpRobot(robot.nu, *at, secret) if robots else UdpDriver(at, robot.nu, secret)
 
 
 def deploy_shown(
@@ -207,9 +208,7 @@ def serve_shown(config: Config, link: RobotEnd, *, lock_step: bool) -> int:
 
     console, end = err(), link.end(robots=True)
     with warnings_on(console), stop_signals():
-        served = serve_config(
-            config, end, lock_step=lock_step, notify=lambda message: console.print(message, markup=False)
-        )
+        served = serve_config(config, end, lock_step=lock_step, notify=partial(console.print, markup=False))
     figures = {
         "simulated_s": float(served.time[-1]),
         "largest_tilt_deg": served.max_tilt_deg,

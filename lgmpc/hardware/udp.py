@@ -155,7 +155,7 @@ class UdpRobot:
         forged: number of packets without a valid tag, or with an old number.
 
     Raises:
-        InputError: if the port cannot be used.
+        InputError: if the address cannot be used.
     """
 
     def __init__(self, nu: int, host: str = LOCALHOST, port: int = 0, secret: bytes | None = None) -> None:
@@ -171,7 +171,7 @@ class UdpRobot:
             self._socket.bind((host, port))
         except (OSError, OverflowError, UnicodeError) as error:
             self._socket.close()
-            raise InputError("port", port, f"a free port of {host} ({error})") from error
+            raise InputError("address", f"{host}:{port}", f"a free one of this machine ({error})") from error
         self._socket.setblocking(False)
         warn_of_network(host)
 

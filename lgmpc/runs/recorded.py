@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -59,7 +60,7 @@ def columns_of(log: ArrayFile, table: str) -> list[Column]:
         channel = found[name]
         # Axes of ticks are not part of a channel's, those of nodes are.
         inner = channel.axes[len(channel.axes) - len(shape) :]
-        flat = values.reshape(len(values), -1)
+        flat = values.reshape(len(values), math.prod(shape))
         for i, (entry, unit) in enumerate(channel.entries(inner, shape, names)):
             columns.append(Column(f"{name}.{entry}" if entry else name, unit, channel, flat[:, i]))
     if table == "intervals":

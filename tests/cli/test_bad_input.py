@@ -151,6 +151,26 @@ def test_a_command_that_does_not_exist_is_refused(arguments: list[object], invok
     assert_one_screen(output)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["deploy", BALANCE, "--interface", "eth7"], "--interface: got eth7; expected none: --driver udp"),
+        (["deploy", BALANCE, "--driver", "unitree", "--robot", "1.2.3.4:5"], "--robot: got ('1.2.3.4', 5)"),
+        (["robot", BALANCE, "--driver", "unitree", "--secret", "x"], "--secret: got x; expected none: --driver"),
+        (["robot", BALANCE, "--host", "203.0.113.7"], "address: got 203.0.113.7:47800; expected a free one of this"),
+        (["live", BALANCE, "--no-browser", "--driver", "unitree"], "--robot: got none; expected that of --driver"),
+        (["live", BALANCE, "--no-browser", "--port", "0", "--robot", "1.2.3"], "robot: got 1.2.3; expected host:port"),
+    ],
+)
+def test_an_option_that_the_link_cannot_use_is_refused_at_once(
+    arguments: list[object], words: str, invoke: Invoke, tmp_path: Path
+) -> None:
+    code, output = invoke(*arguments, *(["--out", tmp_path] if arguments[0] != "robot" else []))
+    assert code == 2
+    assert output.startswith(f"error: {words}"), output
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("command", ["play", "plot"])
 def test_a_run_that_does_not_exist_is_refused(command: str, invoke: Invoke, tmp_path: Path) -> None:
     code, output = invoke(command, "latest", "--runs", tmp_path)

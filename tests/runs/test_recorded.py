@@ -4,6 +4,7 @@ import csv
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,8 @@ def test_csv_is_the_log_to_the_last_bit(walk: Run, tmp_path: Path) -> None:
     assert header == [each.title for each in columns] and header[0] == "time [s]"
     read = np.array([[float(value) for value in row] for row in rows])
     assert np.array_equal(read, np.column_stack([each.values for each in columns]))
+    none = replace(walk.log, **{name: getattr(walk.log, name)[:0] for name in walk.log.tables()["ticks"]})
+    assert [each.title for each in columns_of(none, "ticks")] == header, "a robot that never answered has no rows"
 
 
 def test_parquet_is_the_log_with_units_frames_and_config(walk: Run, tmp_path: Path) -> None:

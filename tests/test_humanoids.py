@@ -15,6 +15,9 @@ from lgmpc.config.build import prepare
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import biped_gaits
 from lgmpc.locomotion.legs import LegGeometry, leg_inertias, leg_momentum
+from lgmpc.locomotion.maps import KnownMap, KnownMapSettings
+from lgmpc.locomotion.stepping import MappedBelief
+from lgmpc.locomotion.terrain import TerrainBeliefSettings
 from lgmpc.robot import leg_joints, load_robot
 from lgmpc.timegrid import TimeGrid
 from lgmpc.wbc import WholeBodyController, WholeBodySettings
@@ -144,11 +147,64 @@ def test_standing_the_mpc_makes_nothing_worse():
     assert np.array_equal(runs[0].q, runs[1].q) and np.array_equal(runs[0].tau, runs[1].tau)
 
 
+def test_soles_on_treads_are_put_down_half_of_a_stances_way_ahead_and_errors_are_those_of_a_pendulum(legs):
+    planner = FootholdPlanner(LegGeometry.of(legs), ground=SimpleNamespace(upright=True))
+    steady = BaseMotion(1.0, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4)
+    late = BaseMotion(1.0, 0.0, 0.3, 0.0, 0.0, commanded_vx=0.4, error_x=-0.05)
+    assert late.as_desired() == BaseMotion(1.05, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4)
+    (x, _), (still, _) = (
+        planner.place(0, steady, 0.3, 0.9),
+        planner.place(0, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0), 0.3, 0.9),
+    )
+    assert x - still == pytest.approx(1.0 + 0.4 * (0.3 + 0.45), abs=1e-12)
+    faster, _ = planner.place(0, BaseMotion(1.0, 0.0, 0.5, 0.0, 0.0, commanded_vx=0.4), 0.3, 0.9)
+    rate = np.sqrt(9.81 / planner.height)
+    gain = np.tanh(0.45 * rate) / rate + 1.0 / (rate * np.sinh(0.9 * rate))
+    assert faster - x == pytest.approx(0.1 * (0.3 + gain), abs=1e-3)
+
+
+def test_soles_on_a_map_are_level_on_one_tread_and_beside_each_other(legs):
+    geometry, pose = LegGeometry.of(legs), np.array([0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0])
+    stairs = KnownMap(
+        lambda points: 0.1 * np.maximum(np.floor((points[:, 0] - 0.2) / 0.3) + 1.0, 0.0),
+        KnownMapSettings(), geometry.scale, np.random.default_rng(0),
+    )  # fmt: skip
+    belief = MappedBelief(legs.foot_points, geometry, TerrainBeliefSettings(), stairs, pose)
+    belief.begin(np.zeros((legs.nc, 3)))
+    belief.look(0.0, BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4))
+    planner = FootholdPlanner(geometry)
+    for nominal in np.linspace(0.3, 0.9, 13):
+        place, normal = belief.choose(
+            planner, BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0), [0], np.array([[nominal, 0.0]]), np.zeros(1), 0.9,
+            np.array([[nominal - 0.3, -0.05]]),
+        )  # fmt: skip
+        tread = np.floor((place[0, 0] - 0.2) / 0.3)
+        ends = place[0, 0] + 0.5 * geometry.sole[0] * np.array([-1.0, 1.0])
+        assert (np.floor((ends - 0.2) / 0.3) == tread).all() and place[0, 2] == pytest.approx(0.1 * (tread + 1.0))
+        assert normal.tolist() == [[0.0, 0.0, 1.0]] and place[0, 1] + 0.05 > geometry.sole[1]
+    below = belief.under(0, [-0.2, 0.1, 0.0], [0.35, 0.1, 0.1])  # the toe is above the next tread before it is there
+    assert below[4] == pytest.approx(0.0) and below[-2] == pytest.approx(0.1) and (np.diff(below) >= 0.0).all()
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("plant", ["mujoco", "pinocchio"])
-def test_talos_walks_with_flat_soles_that_do_not_meet(plant):
+def test_talos_climbs_stairs_on_level_soles_with_its_trunk_upright():
+    near = ["world={kind: stairs_10cm, tread_m: 0.3, ahead_m: 0.6, steps: 2}", "duration_s=3.6"]
+    first = "{at_s: 0.2, velocity_m_s: [0.3, 0, 0], gait: walk, height_m: -0.04}"
+    commands = f"{first}, {{at_s: 0.9, velocity_m_s: [0.4, 0, 0], gait: climb, height_m: -0.08}}"
+    result = prepare(load_config("talos_stairs", [*near, f"commands=[{commands}]"])).run(lambda progress: None)
+    log = result.log
+    rotations = [pin.Quaternion(pose).matrix()[2, 2] for pose in log.base_pose[:, 3:]]
+    assert np.degrees(np.arccos(min(rotations))) < 3.0
+    points, stands = log.contact_points.reshape(log.ticks, 2, 4, 3), log.stance.reshape(log.ticks, 2, 4)[:, :, 0] > 0
+    heights = points[stands][..., 2]
+    assert np.abs(heights - 0.1 * np.round(heights / 0.1)).max() < 5e-3 and heights.max() > 0.19
+    assert result.certificate is not None and result.certificate.certified, result.certificate
+
+
+@pytest.mark.slow
+def test_talos_walks_with_flat_soles_that_do_not_meet():
     commands = "commands=[{at_s: 0.2, velocity_m_s: [0.6, 0, 0], gait: walk}, {at_s: 2.2, velocity_m_s: [0, 0, 0]}]"
-    config = load_config("talos_walk", [commands, "duration_s=3.5", f"plant.kind={plant}"])
+    config = load_config("talos_walk", [commands, "duration_s=3.5"])
     log = prepare(config).run(lambda progress: None).log
     points = log.contact_points.reshape(log.ticks, 2, 4, 3)
     centres = points.mean(axis=2)

@@ -148,13 +148,14 @@ def build_map(
         return found
     if world is None or pose is None:
         raise config.error(f"{_MAP}.kind", f"'{settings.kind}' without a simulated world", "'none' or 'own'")
-    height = LegGeometry.of(robot).height
+    legs = LegGeometry.of(robot)
+    height, scale = legs.height, legs.scale
     rng = np.random.default_rng((config.seed if settings.seed is None else settings.seed, _MAP_ERRORS))
     if isinstance(settings, KnownMapSettings):
-        return KnownMap(world.height, settings, height, rng)
+        return KnownMap(world.height, settings, scale, rng)
     reach = _RANGE * height if settings.range_m is None else settings.range_m
     above = _ABOVE * height if settings.above_m is None else settings.above_m
-    seen = SeenMap(lambda: scan(), settings, height)
+    seen = SeenMap(lambda: scan(), settings, scale)
     scan = DepthScan(world.height, pose, reach, seen.cell, above, settings.noise_m, rng)
     return seen
 

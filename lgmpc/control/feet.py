@@ -79,17 +79,13 @@ class Feet:
         mapped: the same where there is a map, or None.
         roughness: of the ground that was met lately, by which feet swing higher, m.
         shifts: (nf, 2) of the footholds of swings, ahead and to the left of the base, m; None for none.
+        drawn: (x, y) by which a map moves the sole in the air from where the desired motion would have it, world, m.
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        settings: LocomotionSettings,
-        gaits: Mapping[str, Gait],
-        contacts: Contacts,
-        contact_age: float = 0.0,
-        period: float = 1e-3,
-    ) -> None:
+        self, robot: Robot, settings: LocomotionSettings, gaits: Mapping[str, Gait], contacts: Contacts,
+        contact_age: float = 0.0, period: float = 1e-3,
+    ) -> None:  # fmt: skip
         self.legs = LegGeometry.of(robot)
         self.points = robot.foot_points
         self.ground = TerrainBelief(robot.nc, self.legs.height, settings.terrain)
@@ -99,7 +95,7 @@ class Feet:
         self._inertias = None if self.points.single else leg_inertias(robot)
         self._planner = FootholdPlanner(self.legs, settings.footholds, self.ground)
         sole = not self.points.single
-        self._swings = [SwingTrajectory(settings.swing, self.legs.height, sole) for _ in range(robot.nf)]
+        self._swings = [SwingTrajectory(settings.swing, self.legs.scale, sole) for _ in range(robot.nf)]
         self.position, self.velocity, self.acceleration = np.zeros((3, robot.nf, 3))
         self.footholds, self._nominal = np.zeros((2, robot.nf, 3))
         self.ground.places = None if sole else self.footholds
@@ -109,6 +105,7 @@ class Feet:
         self.lost = np.zeros(robot.nf, dtype=np.bool_)
         self._level, self.roughness = True, 0.0
         self.shifts: Array | None = None
+        self.drawn = (0.0, 0.0)
         self._contacts, self._bounds, self._period = contacts, ([1.0] * robot.nf, [False] * robot.nf), period
         self._points: Array = np.zeros((robot.nf, 3))  # of the feet, as measured last
         rows = zip(self.footholds, self.position, self.velocity, self.acceleration, strict=True)
@@ -129,17 +126,14 @@ class Feet:
         """Step on the ground of a map from now on; ``pose`` (7,) is a live view of the base's.
 
         Raises:
-            InputError: the robot has soles, or the map does not return one height, and one answer, for each point.
+            InputError: the map does not return one height, and one answer, for each point.
         """
-        if not self.points.single:
-            got, expected = "a map for a robot with soles", "'none': maps are for point feet"
-            raise InputError("locomotion.terrain.map", got, expected)
         places = np.zeros((2, 2))
         for name, found in (("height", elevation.height(places)), ("steppable", elevation.steppable(places, 0.01))):
             if np.shape(found) != (2,) or np.asarray(found).dtype.kind not in "bf":
                 got = f"an array of shape {np.shape(found)} of {np.asarray(found).dtype} from {name} for (2, 2) points"
                 raise InputError("locomotion.terrain.map", got, "one of shape (2,), of heights or of booleans")
-        belief = MappedBelief(len(self._places), self.legs, self.settings.terrain, elevation, pose)
+        belief = MappedBelief(self.points, self.legs, self.settings.terrain, elevation, pose)
         self.ground = self._planner.ground = self.mapped = belief
 
     def begin(self, time: float, points: Array, contacts: BoolArray | None) -> None:
@@ -172,7 +166,7 @@ class Feet:
         """(nc, 3) where each contact point stands or will touch down next, world, m."""
         if False not in self._stood:
             return self.targets
-        return self.points.place(self.footholds, self.yaws, self.ground.normal)
+        return self.points.place(self.footholds, self.yaws, self.ground.normals)
 
     def gait(self, command: MotionCommand) -> Gait:
         """Return the gait of a command.
@@ -251,6 +245,7 @@ class Feet:
             motion: of the robot in the plane.
         """
         corners, feet, single = points, self.points, self.points.single
+        self.drawn = (0.0, 0.0)
         if self.mapped is not None:
             self.mapped.look(time, motion)
         if not single:
@@ -366,6 +361,9 @@ class Feet:
         if self.mapped is not None:
             leeway = None if begins else self._swings[foot].leeway(time)
             target = self.mapped.aim(foot, time, self._planner, motion, (x, y), remaining, stance, others, leeway)
+            if self._headings:  # two soles lead the robot: where the map moves them, it has to be
+                x, y = self._planner.place(foot, motion.as_desired(), remaining, stance, others, width)
+                self.drawn = target[0] - x, target[1] - y
         self._nominal[foot] = self.footholds[foot] = target
         return target
 
@@ -397,20 +395,16 @@ class Feet:
     def _turn_soles(self, time: float, velocities: Array, accelerations: Array) -> None:
         """Write the targets of the soles' points, and add what they move by turning; soles lie along the ground."""
         yaws, rates, turning = np.array([heading.sample(time) for heading in self._headings]).T[:, self.points.of]
-        arms = self.points.arms(np.where(self.stance, self.yaws, yaws[self.points.starts]), self.ground.normal)
-        across = np.cross(self.ground.normal, arms)
+        arms = self.points.arms(np.where(self.stance, self.yaws, yaws[self.points.starts]), self.ground.normals)
+        across = np.cross(self.ground.normals, arms)
         self.targets[...] = self.position[self.points.of] + arms
         velocities += rates[:, None] * across
         accelerations += turning[:, None] * across - (rates**2)[:, None] * arms
 
     def write_horizon(
-        self,
-        grid: TimeGrid,
-        motion: BaseMotion,
-        friction: float,
-        horizon: ContactHorizon,
+        self, grid: TimeGrid, motion: BaseMotion, friction: float, horizon: ContactHorizon,
         clock: GaitClock | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Write flags, contact points and friction of the intervals of a horizon.
 
         The schedule is that of the feet, or of another clock.
@@ -418,7 +412,7 @@ class Feet:
         feet, single = self.points, self.points.single
         horizon.normals[...] = self.ground.normals
         if clock is None and self.standing:
-            points = feet.place(self.footholds, self.yaws, self.ground.normal)
+            points = feet.place(self.footholds, self.yaws, self.ground.normals)
             horizon.hold(points, feet.spread(self.stance), friction)
             return
         clock = self.clock if clock is None else clock
@@ -429,11 +423,11 @@ class Feet:
         points = np.where((self.stance | self._fixed(grid.start))[:, None], self.footholds, self._nominal)
         yaws = None if single else np.tile(self.yaws, (len(flags), 1))
         self._planner.horizon(clock, motion, grid, points, centres, self.stance.tolist(), yaws)
-        if yaws is not None:
-            horizon.flags[...], horizon.points[...] = flags[:, feet.of], feet.place(centres, yaws, self.ground.normal)
         if self.mapped is not None:
             stance_s = clock.gait.stance_s
             self.mapped.spread(self._planner, motion, grid, stance_s, points, centres, horizon.normals)
+        if yaws is not None:
+            horizon.flags[...], horizon.points[...] = flags[:, feet.of], feet.place(centres, yaws, horizon.normals)
         horizon.friction[:] = friction
 
     def write_leg_momentum(self, grid: TimeGrid, motion: MotionReference, contacts: ContactHorizon) -> None:

@@ -280,8 +280,7 @@ class LeggedController:
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
         performance, moving, ground = self._performer.present, self.command.moves, feet.ground
         upright = terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
-        upright = upright if performance is None else performance.upright
-        upright = upright if terms.finite else math.nan
+        upright = (upright if performance is None else performance.upright) if terms.finite else math.nan
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
         inputs.maneuver, inputs.dropped = self._performer.wanted(request)
         speed = math.hypot(terms.px, terms.py) / self.robot.mass
@@ -377,6 +376,7 @@ class LeggedController:
         self.command = replace(command, vx=0.0, vy=0.0, yaw_rate=0.0) if steps.active else command
         (steps if steps.active else feet).follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
+        self._desired.builder.draw(self._elapsed, feet.drawn)
         feet.write_contacts(time, self._tasks.swing)
         wbc.contacts.friction[...] = self.floor.update(
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals, feet.points.spread(feet.stance)

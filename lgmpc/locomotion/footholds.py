@@ -5,8 +5,9 @@ the centre of mass passes in the middle, its velocity v is the same afterwards i
 by the neutral distance :math:`v \tanh(w T / 2) / w` (about v T / 2, Raibert, "Legged robots that balance", 1986). Put
 further ahead by :math:`(v - v_{cmd}) / (w \sinh(w T))`, the velocity becomes the commanded one within the stance (dead
 beat); for a stance without end both together are the capture point :math:`v / w` (Pratt et al., "Capture point",
-Humanoids 2006). Friction brakes by no more than :math:`\mu g`: a shift beyond :math:`\mu h` would turn the base over
-its feet, and a larger error takes several stances. While the command changes, the velocity expected at touchdown is
+Humanoids 2006). Over stairs on soles the velocity is held: v T / 2 of the commanded one. Friction
+brakes by no more than :math:`\mu g`: a shift beyond :math:`\mu h` would turn the base over its feet, and a larger error
+takes several stances. While the command changes, the velocity expected at touchdown is
 compared with the command at the end of the stance, which supports the acceleration. A spherical foot of radius r rolls
 by r / h of the distance travelled, and is placed that much less far ahead. In a turn the support moves outward by
 :math:`h / g \; v \times \omega`, which provides the centripetal acceleration (Kim et al., "Highly dynamic quadruped
@@ -24,9 +25,10 @@ between two feet where it should be: a trot, with two lines in turn, then contro
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
 from pydantic import Field
 
 from lgmpc.locomotion.clock import GaitClock
@@ -34,7 +36,7 @@ from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.settings import Fraction, NonNegative, Settings, key
 from lgmpc.timegrid import TimeGrid
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, BoolArray
 from lgmpc.world import Plane
 
 _REACH_SHARES = 0.92, 0.98
@@ -118,6 +120,11 @@ class BaseMotion:
     load_x: float = 0.0
     load_y: float = 0.0
 
+    def as_desired(self) -> "BaseMotion":
+        """Return the motion without errors of position and velocity."""
+        x, y, vx, vy = self.x - self.error_x, self.y - self.error_y, self.commanded_vx, self.commanded_vy
+        return replace(self, x=x, y=y, error_x=0.0, error_y=0.0, vx=vx, vy=vy)
+
 
 class Ground(Protocol):
     """Heights of the ground, as a planner of footholds reads them."""
@@ -176,14 +183,9 @@ class FootholdPlanner:
         self._reaches: tuple[float, list[float]] = (math.nan, [])  # height, and the reach of every leg at it
 
     def place(
-        self,
-        foot: int,
-        motion: BaseMotion,
-        remaining: float,
-        stance: float,
-        others: Sequence[Point] = (),
+        self, foot: int, motion: BaseMotion, remaining: float, stance: float, others: Sequence[Point] = (),
         width: float = 1.0,
-    ) -> Point:
+    ) -> Point:  # fmt: skip
         """Return the foothold (x, y) of a foot.
 
         Args:
@@ -231,16 +233,9 @@ class FootholdPlanner:
         return math.exp(-remaining / decay) if decay > 0.0 else 0.0
 
     def _place(
-        self,
-        foot: int,
-        motion: BaseMotion,
-        com: Point,
-        velocity: Point,
-        remaining: float,
-        stance: float,
-        others: Sequence[Point],
-        width: float,
-    ) -> Point:
+        self, foot: int, motion: BaseMotion, com: Point, velocity: Point, remaining: float, stance: float,
+        others: Sequence[Point], width: float,
+    ) -> Point:  # fmt: skip
         s, rate, omega = self.settings, self._rate, motion.yaw_rate
         turned = omega * remaining
         half = 0.5 * stance if stance < math.inf else 0.0
@@ -256,7 +251,9 @@ class FootholdPlanner:
             self._stance, self._neutral = stance, math.tanh(0.5 * rate * stance) / rate
             self._gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
         neutral, gain = self._neutral, self._gain
-        rolled = self._rolling * neutral
+        # The plan holds the velocity over treads: half of the way of a stance is ahead of its middle.
+        steady = half > 0.0 and getattr(self.ground, "upright", False)
+        rolled = neutral - half if steady else self._rolling * neutral
         outward = s.centrifugal * omega / (rate * rate)
         ahead, left = self.feet[foot]
         if stance < math.inf:
@@ -330,6 +327,13 @@ class FootholdPlanner:
                     distance = math.hypot(dx, dy)
                 x, y = ox + dx * self.spacing / distance, oy + dy * self.spacing / distance
         return x, y
+
+    def clear(self, feet: Sequence[int], apart: Array, turn: Array) -> BoolArray:
+        """Return (k, n) which points are clear of others, from arms from these (k, n, m, 2) and base axes (k, 2, 2)."""
+        if not self._beside:
+            return np.all(np.linalg.norm(apart, axis=-1) >= self.spacing - _ROUNDING, axis=-1)
+        aside = np.einsum("knmi,ki->knm", apart, turn[:, 1] * np.sign([self.feet[foot][1:] for foot in feet]))
+        return np.all(aside >= self._beside - _ROUNDING, axis=-1)
 
     def _reachable(self, foot: int, x: float, y: float, height: float) -> Point:
         """Return the point on the foot's own side of the base, and within reach of the hip."""

@@ -49,6 +49,11 @@ class LegGeometry:
         """Height of the centre of mass above the mean contact point, m."""
         return -float(self.feet[:, 2].mean())
 
+    @property
+    def scale(self) -> float:
+        """Height that clearances and unevenness of feet are shares of, m: soles, of heavy legs, clear a third."""
+        return 1.0 / 3.0 * self.height if self.sole[1] > 0.0 else self.height
+
     def above(self, points: Array, yaw: float) -> Array:
         """Return (3,) where the centre of mass of the reference posture is, its feet at ``points`` (n, 3), m.
 

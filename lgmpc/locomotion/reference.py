@@ -20,6 +20,7 @@ from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
 
 _LEAD_SHARE = 0.1
+_DRAWN_S = 0.5  # about a step
 _CONSTANT = Ramp()
 
 
@@ -94,6 +95,10 @@ class ReferenceBuilder:
             self.y += dt * (n * vx + c * vy)
             self.yaw += dt * rate
 
+    def draw(self, dt: float, by: tuple[float, float]) -> None:
+        """Move the desired position for ``dt``, s, towards one that is off ``by`` (x, y), world, m."""
+        self.x, self.y = self.x + dt / _DRAWN_S * by[0], self.y + dt / _DRAWN_S * by[1]
+
     def turn_about(self, com: Array, angle: float) -> None:
         """Turn the desired position about the measured centre of mass (3,) by an angle, rad.
 
@@ -151,8 +156,8 @@ class ReferenceBuilder:
         return pose
 
     def _along(self, ground: TerrainBelief, command: MotionCommand) -> tuple[float, float]:
-        """Return pitch and roll of a base parallel to the ground, and as commanded besides, rad."""
-        if ground.level:
+        """Return pitch and roll of a base parallel to the ground, or upright, and as commanded besides, rad."""
+        if ground.level or ground.upright:
             return command.pitch, command.roll
         (x, y), c, s = ground.slope, math.cos(self.yaw), math.sin(self.yaw)
         ahead, left = c * x + s * y, c * y - s * x

@@ -2,7 +2,8 @@
 
 Nominal footholds are moved to the nearest point of a patch around them that is steppable: flat as far as the foot and a
 margin reach, within reach of the leg from touchdown to lift-off, clear of the other feet, and with the shank above the
-ground. A height above the plane under the robot counts as a distance: legs climb one step, not two. A swing under way
+ground. Soles are flat as far as they are long; the base comes within reach of them, because they lead it. A height
+above the plane under the robot counts as a distance: legs climb one step, not two. A swing under way
 goes on to ground of the height that it was shaped for, and where the foot still gets in time. Heights and normals of
 footholds are those of the map. The plane under the robot, which its base follows, fits the steppable ground below the
 body best, a little ahead of it: the base leads into stairs.
@@ -21,6 +22,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.maps import ElevationMap
 from lgmpc.locomotion.terrain import TerrainBelief, TerrainBeliefSettings
 from lgmpc.robot.feet import UP
+from lgmpc.robot.soles import FootPoints
 from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import GRAVITY, Array, BoolArray
 
@@ -30,6 +32,7 @@ _LEAD_SHARE = 0.5  # of sqrt(h / g)
 _BODY = (1.25, 1.5)  # length and width of the ground that counts, in distances of the feet
 _SAMPLES = (15, 5)
 _LEAST_SAMPLES = 12
+_LEAST_BODY = 0.5  # size of it, in heights of the centre of mass
 _PERIOD = 0.01  # s; between two looks at the map
 _LASTING_S = 0.05  # of a choice whose nominal foothold stays
 _MOVED = 0.3, 1.0  # in cells of the patch: by more a present, a later nominal foothold has to move for another choice
@@ -64,8 +67,8 @@ class MappedBelief(TerrainBelief):
     """The ground of a map, and the plane through it under the robot.
 
     Args:
-        feet: their number.
-        legs: of the robot, with point feet.
+        points: of the feet.
+        legs: of the robot.
         settings: see :class:`~lgmpc.locomotion.TerrainBeliefSettings`.
         elevation: the map.
         pose: (7,) of the base; a live view.
@@ -77,14 +80,15 @@ class MappedBelief(TerrainBelief):
     """
 
     def __init__(
-        self, feet: int, legs: LegGeometry, settings: TerrainBeliefSettings, elevation: ElevationMap, pose: Array
-    ) -> None:
-        super().__init__(feet, legs.height, settings)
-        self.elevation, self.offset = elevation, 0.0
-        self.radius = legs.radius + (
-            _MARGIN_SHARE * legs.height if settings.edge_margin_m is None else settings.edge_margin_m
+        self, points: FootPoints, legs: LegGeometry, settings: TerrainBeliefSettings, elevation: ElevationMap,
+        pose: Array,
+    ) -> None:  # fmt: skip
+        super().__init__(len(points.of), legs.height, settings)
+        self.elevation, self.offset, self.upright = elevation, 0.0, legs.sole[1] > 0.0
+        self._of, self._foot = points.of, legs.radius + 0.5 * legs.sole[0]
+        self.radius = self._foot + (
+            _MARGIN_SHARE * legs.scale if settings.edge_margin_m is None else settings.edge_margin_m
         )
-        self.normals = np.tile(np.array(UP), (feet, 1))
         self._legs, self._pose, self._time, self._begun = legs, pose, 0.0, False
         self._credible, self._same = _CREDIBLE_SHARE * legs.height, _SAME_SHARE * legs.height
         self._lead = _LEAD_SHARE * math.sqrt(legs.height / GRAVITY)
@@ -96,15 +100,15 @@ class MappedBelief(TerrainBelief):
         patch = patch[np.linalg.norm(patch, axis=1) <= _PATCH_SHARE * length]
         self._patch = patch[np.argsort(np.linalg.norm(patch, axis=1), kind="stable")]
         self._far = np.linalg.norm(self._patch, axis=1)
-        extent = np.ptp(legs.feet[:, :2], axis=0)
+        extent = np.maximum(np.ptp(legs.feet[:, :2], axis=0), _LEAST_BODY * legs.height)
         ahead, left = (
             0.5 * size * each * np.linspace(-1.0, 1.0, n) for size, each, n in zip(_BODY, extent, _SAMPLES, strict=True)
         )
         self._body = np.stack(np.meshgrid(ahead, left, indexing="ij"), axis=-1).reshape(-1, 2)
         fade = [0.6 + 0.4 * np.cos(np.pi * np.linspace(-1.0, 1.0, n)) for n in _SAMPLES]
         self._share = np.outer(*fade).reshape(-1)
-        self._targets = self.normals.copy()
-        self._chosen = [_NONE] * feet
+        self._targets = np.tile(np.array(UP), (points.feet, 1))
+        self._chosen = [_NONE] * points.feet
         self._later: dict[tuple[int, int], _Choice] = {}  # by foot, and number of its swing over the horizon
 
     def look(self, time: float, motion: BaseMotion) -> None:
@@ -119,7 +123,7 @@ class MappedBelief(TerrainBelief):
         """Begin with feet at ``points`` (nc, 3), m."""
         super().begin(points, stance)
         self._begun, self.offset = False, math.nan
-        self._chosen, self._later = [_NONE] * len(points), {}
+        self._chosen, self._later = [_NONE] * len(self._chosen), {}
 
     @property
     def _shift(self) -> float:
@@ -150,7 +154,7 @@ class MappedBelief(TerrainBelief):
                 if new or abs(found - self.offset) < self._credible:
                     self.offset = found if new else self.offset + self._elapsed / _OFFSET_TIME * (found - self.offset)
         self._follow(min(self._elapsed / self._time_constant, 1.0))
-        self.normals += min(self._elapsed / _TURN_S, 1.0) * (self._targets - self.normals)
+        self.normals += min(self._elapsed / _TURN_S, 1.0) * (self._targets[self._of] - self.normals)
         self.normals /= np.linalg.norm(self.normals, axis=1, keepdims=True)
         self._elapsed = 0.0
 
@@ -232,20 +236,12 @@ class MappedBelief(TerrainBelief):
                 self._later[keys[i]] = _Choice(self._time, nominal[i].tolist(), place, normal)
         for row, key in zip(rows.tolist(), keys, strict=True):
             chosen = self._later[key]  # a later one of the foot follows and overwrites
-            points[row:, key[0]], normals[row:, key[0]] = chosen.place, chosen.normal
+            points[row:, key[0]], normals[row:, self._of == key[0]] = chosen.place, chosen.normal
 
     def choose(
-        self,
-        planner: FootholdPlanner,
-        motion: BaseMotion,
-        feet: Sequence[int],
-        nominal: Array,
-        remaining: Array,
-        stance: float,
-        others: Array | None = None,
-        before: Array | None = None,
-        leeway: float = math.inf,
-    ) -> tuple[Array, Array]:
+        self, planner: FootholdPlanner, motion: BaseMotion, feet: Sequence[int], nominal: Array, remaining: Array,
+        stance: float, others: Array | None = None, before: Array | None = None, leeway: float = math.inf,
+    ) -> tuple[Array, Array]:  # fmt: skip
         """Return (k, 3) footholds nearest to nominal ones on steppable ground, and (k, 3) normals there.
 
         Where no point of the patch is, the nearest within reach and clear of other feet serves on which the foot just
@@ -277,9 +273,12 @@ class MappedBelief(TerrainBelief):
         flat = self.elevation.steppable(points.reshape(-1, 2), self.radius).reshape(points.shape[:2])
         clear = np.ones_like(flat)
         if others is not None and len(others):
-            apart = np.linalg.norm(points[:, :, None] - others, axis=-1)
-            clear = (apart >= planner.spacing - 1e-9).all(axis=2)
-        near = clear & self._within(planner, motion, feet, points, ground, remaining, stance, turn, others is not None)
+            clear = planner.clear(feet, points[:, :, None] - others, turn)
+        near = clear
+        if not legs.sole[0]:  # soles lead the base, which comes within reach of them
+            near = clear & self._within(
+                planner, motion, feet, points, ground, remaining, stance, turn, others is not None
+            )
         if before is not None:
             near &= np.linalg.norm(points - before[:2], axis=2) <= leeway
         ok = flat & near
@@ -291,7 +290,7 @@ class MappedBelief(TerrainBelief):
         plane = mz + (points - (mx, my)) @ slope
         cost, tiers = np.hypot(far, ground - plane), [ok]
         if not ok.any(axis=1).all():
-            barely = self.elevation.steppable(points.reshape(-1, 2), legs.radius).reshape(points.shape[:2])
+            barely = self.elevation.steppable(points.reshape(-1, 2), self._foot).reshape(points.shape[:2])
             tiers += [barely & near, barely & clear]
         if before is not None:
             cost[0, -1] -= _STAY_SHARE * self.cell
@@ -331,7 +330,7 @@ class MappedBelief(TerrainBelief):
 
         Ground less steep than what counts as level is level, exactly; where it is not flat, the plane's normal holds.
         """
-        r = max(self._legs.radius, self.cell)  # feet may be points
+        r = max(self._foot, self.cell)  # feet may be points
         steps = np.array([[r, 0.0], [-r, 0.0], [0.0, r], [0.0, -r]])
         h = self.height((points[:, None] + steps).reshape(-1, 2)).reshape(-1, 4)
         slope = np.column_stack([h[:, 0] - h[:, 1], h[:, 2] - h[:, 3]]) / (2.0 * r)
@@ -350,8 +349,12 @@ class MappedBelief(TerrainBelief):
         knee = legs.knees[foot] - legs.feet[foot]
         first, last = np.array(begin[:2]), np.array(end[:2])
         way = first + _WAY[:, None] * (last - first)
-        r = legs.radius
-        around = np.array([[0.0, 0.0], [r, 0.0], [-r, 0.0], [0.0, r], [0.0, -r]])
+        r, (length, width), between = legs.radius, legs.sole, math.dist(begin[:2], end[:2]) / (len(_WAY) - 1)
+        around = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        if length > 0.0:  # heel and toe pass edges between two of these points, too
+            around = around * [0.5 * length + between, 0.5 * width] @ [[c, s], [-s, c]]
+        else:
+            around *= r
         shank = _SHANK[:, None] * [c * knee[0] - s * knee[1], s * knee[0] + c * knee[1]]
         places = way[:, None] + np.concatenate([around, shank])
         heights = self.height(places.reshape(-1, 2)).reshape(len(_WAY), -1)

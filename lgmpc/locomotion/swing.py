@@ -23,9 +23,6 @@ from lgmpc.typing import GRAVITY, Array
 _STEEPEST = 2.0
 """Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
 
-_SOLE_SCALE = 1.0 / 3.0
-"""Scale of swings of soles, in heights of the centre of mass: legs of humanoids are heavy, and soles clear little."""
-
 _LANDING = 0.4, 0.1  # m/s, of points and soles
 _SEARCHING = 0.0, 0.4
 _CLEARANCE_SHARE, _DEPTH_SHARE = 1.0 / 7.0, 0.5  # of the height of the centre of mass
@@ -109,7 +106,7 @@ class SwingTrajectory:
 
     Args:
         settings: see :class:`SwingSettings`.
-        height: of the centre of mass above the feet, m: the scale of clearance and search depth.
+        height: of the centre of mass above the feet, m, of soles a third: the scale of clearance and search depth.
         sole: whether the foot is a sole.
 
     Attributes:
@@ -122,8 +119,7 @@ class SwingTrajectory:
     """
 
     def __init__(self, settings: SwingSettings | None = None, height: float = 0.21, sole: bool = False) -> None:
-        self._scale, self._sole = _SOLE_SCALE * height if sole else height, sole
-        height = self._scale
+        self._scale, self._sole = height, sole
         self.retune(SwingSettings() if settings is None else settings)
         self.roughness = 0.0
         self._obstructed, self._obstacle = _OBSTRUCTED_SHARE * height, _OBSTACLE_SHARE * height
@@ -150,15 +146,9 @@ class SwingTrajectory:
         self._depth = _DEPTH_SHARE * self._scale if s.search_depth_m is None else s.search_depth_m
 
     def lift_off(
-        self,
-        t: float,
-        touchdown: float,
-        position: Vector,
-        velocity: Vector,
-        target: Vector,
-        latest: float | None = None,
-        below: Array | None = None,
-    ) -> None:
+        self, t: float, touchdown: float, position: Vector, velocity: Vector, target: Vector,
+        latest: float | None = None, below: Array | None = None,
+    ) -> None:  # fmt: skip
         """Begin a swing.
 
         Args:
@@ -182,9 +172,9 @@ class SwingTrajectory:
         top = max(z, self.target[2]) if below is None else max(z, self.target[2], float(below[1:-1].max()))
         apex, wait, apex_share = top + self.clearance + self.roughness, 0.0, s.apex_share
         if below is not None:
-            wait, early, apex_share = _shaped(
-                below, z, apex, self.target[2], apex_share, _MARGIN_SHARE * self.clearance
-            )
+            margin, shortest = _MARGIN_SHARE * self.clearance, (touchdown - t) ** 2 * s.acceleration_m_s2
+            haste = _PEAK / shortest if self._sole else 0.0
+            wait, early, apex_share = _shaped(below, z, apex, self.target[2], apex_share, margin, haste)
             self._ahead_s = early * (touchdown - t)
         self._apex_time = t + apex_share * (touchdown - t)
         self._rise = _quintic((z, max(float(velocity[2]), 0.0), 0.0), (apex, 0.0, 0.0), self._apex_time - t)
@@ -367,12 +357,13 @@ class HeadingTrajectory:
 
 
 def _shaped(
-    below: Array, z: float, apex: float, target: float, apex_share: float, margin: float
+    below: Array, z: float, apex: float, target: float, apex_share: float, margin: float, haste: float
 ) -> tuple[float, float, float]:
     """Return when the foot moves ahead, and how early it arrives, and when it is highest, as shares of the swing.
 
     The least deviations from the usual shape with which it is by ``margin``, m, above the (n,) heights ``below`` it; or
-    those with which it comes nearest to that.
+    those with which it comes nearest to that. To rise by 1 m in all of the swing takes ``haste`` times the largest
+    acceleration: heavy legs that rise or fall quickly shake the trunk.
     """
     wait, early, highest = _SHAPES.T[:, :, None]
     way = np.linspace(0.0, 1.0, len(below))
@@ -383,7 +374,9 @@ def _shaped(
     height = np.where(time < highest, z + (apex - z) * rising, apex + (target - apex) * falling)
     least = below + margin * np.minimum(1.0, 4.0 * np.minimum(way, 1.0 - way))
     lacking = np.maximum(least - height, 0.0)[:, 1:-1].max(axis=1)
-    best = int(np.argmin(np.where(lacking < _NEAR, 0.0, lacking) + 1e-3 * _COSTS * _NEAR))
+    up, down = highest[:, 0], 1.0 - highest[:, 0]
+    costs = _COSTS + haste * ((apex - z) / (up * up) + (apex - target) / (down * down))
+    best = int(np.argmin(np.where(lacking < _NEAR, 0.0, lacking) + 1e-3 * costs * _NEAR))
     return float(_SHAPES[best, 0]), float(_SHAPES[best, 1]), float(apex_share + _SHAPES[best, 2])
 
 

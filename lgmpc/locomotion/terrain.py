@@ -76,6 +76,7 @@ class TerrainBelief:
         bends: (feet, 2) by how much more the ground rises at those places than the plane, along the world's x and y.
         slope: rise of the plane per metre along the world's x and y.
         level: whether the ground counts as level.
+        upright: whether the base stays upright on a slope: over stairs on soles.
         footholds: (nc, 3) last foothold of every foot, world, m.
     """
 
@@ -84,7 +85,7 @@ class TerrainBelief:
         self.normal = np.array(UP)
         self.normals = np.tile(self.normal, (feet, 1))
         self.places: Array | None = None
-        self.slope, self.level = (0.0, 0.0), True
+        self.slope, self.level, self.upright = (0.0, 0.0), True, False
         self.footholds = np.zeros((feet, 3))
         self._tilt = (0.0, 0.0)  # slope of the filtered plane, before the test for level ground
         self._middle = (0.0, 0.0, 0.0)

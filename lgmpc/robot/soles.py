@@ -207,14 +207,14 @@ class FootPoints:
 
         Args:
             yaws: headings relative to those in the reference posture, rad.
-            normal: (3,) unit normal of the surface, along which soles lie.
+            normal: (..., nc, 3) unit normals of the surface, along which soles lie, or (3,) one.
         """
         yaw, (x, y, _) = yaws[..., self.of], self.offsets.T
         c, s = np.cos(yaw), np.sin(yaw)
-        flat = np.stack([c * x - s * y, s * x + c * y, np.zeros_like(c)], axis=-1)
-        if not normal[:2].any():
-            return flat
-        return flat @ pin.Quaternion.FromTwoVectors(_UP, normal).matrix().T
+        x, y = c * x - s * y, s * x + c * y
+        nx, ny, nz = np.moveaxis(normal, -1, 0)
+        fall = nx * x + ny * y  # turned with the surface about its line of equal height
+        return np.stack([x - nx * fall / (1.0 + nz), y - ny * fall / (1.0 + nz), -fall], axis=-1)
 
     def place(self, centres: Array, yaws: Array, normal: Array) -> Array:
         """Return (..., nc, 3) the points of feet with these (..., nf, 3) centres; see :meth:`arms`."""

@@ -16,6 +16,7 @@ from lgmpc.locomotion import FootholdPlanner, LegGeometry, TerrainBeliefSettings
 from lgmpc.locomotion.footholds import BaseMotion
 from lgmpc.locomotion.maps import KnownMap, KnownMapSettings, SeenMap, SeenMapSettings, even
 from lgmpc.locomotion.stepping import MappedBelief
+from lgmpc.robot.soles import FootPoints
 from lgmpc.typing import Array, BoolArray
 from lgmpc.world import World
 
@@ -56,7 +57,7 @@ class Analytic:
 
 
 def believed(legs: LegGeometry, elevation: object, pose: Array = POSE) -> MappedBelief:
-    belief = MappedBelief(4, legs, TerrainBeliefSettings(), elevation, pose)  # type: ignore[arg-type]
+    belief = MappedBelief(FootPoints((1,) * 4, np.zeros((4, 3))), legs, TerrainBeliefSettings(), elevation, pose)  # type: ignore[arg-type]
     belief.begin(np.column_stack([pose[:2] + legs.feet[:, :2], np.zeros(4)]))
     return belief
 
@@ -234,7 +235,7 @@ class Column(Analytic):
         return np.zeros((len(points), 1))
 
 
-def test_a_map_of_the_wrong_shape_and_one_for_soles_are_errors() -> None:
+def test_a_map_of_the_wrong_shape_is_an_error() -> None:
     config = load_config("solo12_stairs_map")
     controller = build_controller(config, build_robot(config), world=World(), pose=lambda: POSE)
     with pytest.raises(InputError, match=r"shape \(2, 1\).*from height.*expected one of shape \(2,\)"):

@@ -165,7 +165,12 @@ class RobotEnd(NamedTuple):
         from lgmpc.hardware.secret import read_secret
 
         secret, at = read_secret(self.secret), self.address or ("127.0.0.1", 47800)
-        return lambda robot: UdpRobot(robot.nu, *at, secret) if robots else UdpDriver(at, robot.nu, secret)
+
+        def udp_end(robot: Robot) -> UdpRobot | UdpDriver:
+            name = " ".join([robot.name, *robot.joint_names])
+            return UdpRobot(robot.nu, *at, secret, name) if robots else UdpDriver(at, robot.nu, secret, name)
+
+        return udp_end
 
 
 def deploy_shown(

@@ -9,8 +9,9 @@ bytes       content
 6-7         nu, number of joints
 8-9         nc, number of feet with a measured force; 0 in other packets
 10-11       bits of the optional quantities in a measurement; in a refusal its reason (1: another controller is
-            connected, 2: another secret, 3: another number of joints); 0 in other packets
-12-15       0
+            connected, 2: another secret, 3: another robot); 0 in other packets
+12-15       hello: which robot the controller is for, the first 4 bytes of SHA-256 over its name and those of its
+            joints, with blanks between; 0: unknown. 0 in other packets
 16-23       number of the measurement, or of the command; each sender counts its own. 0 in other packets
 24-         hello: the controller's nonce (16). welcome: that nonce (16), the robot's nonce (16)
 24-         measurement: time, gyro (3), accelerometer (3), joints (nu), speeds (nu), torques (nu), then those optional
@@ -23,13 +24,13 @@ last 16     tag: the first 16 bytes of HMAC-SHA256 over all bytes before, keyed 
             HMAC-SHA256(secret, controller's nonce + robot's nonce)
 =========== ========================================================================================================
 
-Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.Command`. Version 1 had one gain for
-all joints, and no optional quantities; version 2 no nonces and tags.
+Units are those of :class:`lgmpc.control.Measurement` and :class:`lgmpc.control.Command`.
 """
 
 import hmac
 import struct
 from collections.abc import Iterator
+from hashlib import sha256
 from itertools import accumulate
 from typing import Any
 
@@ -60,14 +61,16 @@ class Layout:
     Args:
         nu: number of joints.
         secret: shared by both ends.
+        robot: names of the robot and of its joints, with blanks between; without, controllers of any robot connect.
 
     Attributes:
         longest: length of the longest packet, B.
         key: of the connection, for measurements and commands; None before there is one.
     """
 
-    def __init__(self, nu: int, secret: bytes) -> None:
+    def __init__(self, nu: int, secret: bytes, robot: str = "") -> None:
         self._nu, self._secret = nu, secret
+        self._robot = int.from_bytes(sha256(robot.encode()).digest()[:4], "little") if robot else 0
         self.longest = _HEAD.size + 8 * (26 + 5 * nu + _MOST_FEET) + _TAG
         self.key: bytes | None = None
 
@@ -78,7 +81,7 @@ class Layout:
 
     def hello(self, nonce: bytes) -> bytes:
         """Return the packet by which a controller connects."""
-        return self._pack(HELLO, self._secret, nonce)
+        return self._pack(HELLO, self._secret, nonce, robot=self._robot)
 
     def read_hello(self, packet: bytes) -> bytes | int | None:
         """Return a controller's nonce, or the reason for which it is refused; None if the packet is no hello."""
@@ -86,7 +89,9 @@ class Layout:
             return None
         if not self._authentic(packet, self._secret):
             return ANOTHER_SECRET
-        return packet[_HEAD.size : -_TAG] if _HEAD.unpack_from(packet)[2] == self._nu else ANOTHER_ROBOT
+        _, _, nu, _, _, robot, _ = _HEAD.unpack_from(packet)
+        same = nu == self._nu and (robot == self._robot or not robot or not self._robot)
+        return packet[_HEAD.size : -_TAG] if same else ANOTHER_ROBOT
 
     def welcome(self, controller: bytes, robot: bytes) -> bytes:
         """Return the answer to a hello, from the nonces of both ends."""
@@ -161,14 +166,12 @@ class Layout:
         version: int = struct.unpack_from("<H", packet, 4)[0]
         return None if version == VERSION else version
 
-    def _head(self, kind: bytes, number: int = 0, nc: int = 0, present: int = 0) -> bytes:
-        return _HEAD.pack(kind, VERSION, self._nu, nc, present, 0, number)
+    def _head(self, kind: bytes, number: int = 0, nc: int = 0, present: int = 0, robot: int = 0) -> bytes:
+        return _HEAD.pack(kind, VERSION, self._nu, nc, present, robot, number)
 
-    def _pack(
-        self, kind: bytes, key: bytes | None, content: bytes, number: int = 0, nc: int = 0, present: int = 0
-    ) -> bytes:
+    def _pack(self, kind: bytes, key: bytes | None, content: bytes, *numbers: int, **named: int) -> bytes:
         assert key is not None, "no connection"
-        packet = self._head(kind, number, nc, present) + content
+        packet = self._head(kind, *numbers, **named) + content
         return packet + hmac.digest(key, packet, "sha256")[:_TAG]
 
     @staticmethod

@@ -53,6 +53,7 @@ class UdpDriver:
         address: host and port of the robot.
         nu: number of joints.
         secret: shared with the robot; :func:`lgmpc.hardware.secret.read_secret` unless given.
+        robot: for which robot, see :class:`lgmpc.hardware.packets.Layout`.
 
     Attributes:
         ignored: number of packets that were not a measurement.
@@ -61,8 +62,8 @@ class UdpDriver:
         InputError: if the address cannot be used, or (in ``read``) the robot refuses this controller.
     """
 
-    def __init__(self, address: tuple[str, int], nu: int, secret: bytes | None = None) -> None:
-        self._layout = Layout(nu, read_secret() if secret is None else secret)
+    def __init__(self, address: tuple[str, int], nu: int, secret: bytes | None = None, robot: str = "") -> None:
+        self._layout = Layout(nu, read_secret() if secret is None else secret, robot)
         self._nu, self._number, self._commands, self.ignored = nu, -1, 0, 0
         self._nonce, self._silent, self._met = secrets.token_bytes(NONCE), True, False
         self._answered, self._command = -1, Command.damping(np.zeros(nu), np.zeros(nu), 0.0)
@@ -134,7 +135,8 @@ class UdpDriver:
             if reason == OCCUPIED:
                 raise InputError("robot", "a robot to which a controller is connected", "a robot without one")
             if reason == ANOTHER_ROBOT:
-                raise InputError("robot", f"a robot with {nu} joints", f"the config's, with {self._nu}")
+                got = "another robot" if nu == self._nu else f"a robot with {nu} joints"
+                raise InputError("robot", got, f"the config's, with {self._nu} joints")
             raise InputError("secret", "another one than the robot's", "a copy of the robot's file (option --secret)")
 
 
@@ -150,6 +152,7 @@ class UdpRobot:
         host: address to listen at.
         port: port to listen at; 0 takes any free one.
         secret: shared with the controllers; :func:`lgmpc.hardware.secret.read_secret` unless given.
+        robot: which robot it is, see :class:`lgmpc.hardware.packets.Layout`.
 
     Attributes:
         forged: number of packets without a valid tag, or with an old number.
@@ -158,8 +161,10 @@ class UdpRobot:
         InputError: if the address cannot be used.
     """
 
-    def __init__(self, nu: int, host: str = LOCALHOST, port: int = 0, secret: bytes | None = None) -> None:
-        self._layout = Layout(nu, read_secret() if secret is None else secret)
+    def __init__(
+        self, nu: int, host: str = LOCALHOST, port: int = 0, secret: bytes | None = None, robot: str = ""
+    ) -> None:
+        self._layout = Layout(nu, read_secret() if secret is None else secret, robot)
         self._number = self._last = -1
         self.forged = 0
         self._measurement: Measurement | None = None
@@ -265,7 +270,7 @@ class UdpRobot:
             if -reason not in self._refused and sender != self._peer:
                 self._refused.add(-reason)
                 why = {OCCUPIED: "another one is connected", ANOTHER_SECRET: "it has another secret"}
-                _LOG.warning("a controller is refused: %s", why.get(reason, "its robot has other joints"))
+                _LOG.warning("a controller is refused: %s", why.get(reason, "it is for another robot"))
 
 
 def _packets(link: socket.socket, longest: int) -> Iterator[tuple[bytes, Any]]:

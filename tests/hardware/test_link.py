@@ -460,6 +460,20 @@ def test_a_robot_with_other_joints_is_named() -> None:
     driver.close()
 
 
+@pytest.mark.parametrize(("name", "refused"), [("go2 a b", True), ("solo12 a b", False), ("", False)])
+def test_a_controller_for_another_robot_of_as_many_joints_is_refused(name: str, refused: bool) -> None:
+    """A Go2 executed the torques of a Solo12. Ends that do not say which robot it is are connected."""
+    robot = UdpRobot(NU, robot="solo12 a b")
+    driver = UdpDriver(robot.address, NU, robot=name)
+    driver.read(0.0)
+    assert robot.wait_for_controller(0.05) is not refused
+    if refused:
+        with pytest.raises(InputError, match="robot: got another robot; expected the config's, with 2"):
+            driver.read(1.0)
+    robot.close()
+    driver.close()
+
+
 def test_a_robot_that_restarts_is_connected_anew(caplog: pytest.LogCaptureFixture) -> None:
     first = UdpRobot(NU)
     driver = UdpDriver(first.address, NU)

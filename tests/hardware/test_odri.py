@@ -114,7 +114,7 @@ def test_measurements_are_copies_at_the_control_rate(monkeypatch: pytest.MonkeyP
 
 def test_the_command_line_calibrates_to_the_reference_posture(monkeypatch: pytest.MonkeyPatch, file: Path) -> None:
     solo12 = build_robot(load_config("solo12_stand"))
-    robot, link = installed(monkeypatch, Robot()), RobotEnd("odri", ("", 0), None, str(file))
+    robot, link = installed(monkeypatch, Robot()), RobotEnd("odri", None, None, str(file))
     assert isinstance(link.end(robots=False, period=PERIOD)(solo12), OdriDriver)
     np.testing.assert_array_equal(robot.calibrated_to, solo12.q_reference[7:])
     with pytest.raises(InputError, match="--driver: got odri; expected a link that a simulated robot speaks"):

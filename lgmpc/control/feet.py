@@ -255,9 +255,10 @@ class Feet:
         stance = self.events.update(time, contacts, self._below)
         stands = stance.tolist()
         self.changed = stands != self._stood
-        for foot, (carries, stood) in enumerate(zip(stands, self._stood, strict=True)):
-            if carries and not stood:
-                self._touch(abs(float(points[foot, 2]) - self._swings[foot].target[2]))
+        if self.changed:
+            for foot, (carries, stood) in enumerate(zip(stands, self._stood, strict=True)):
+                if carries and not stood:
+                    self._touch(abs(float(points[foot, 2]) - self._swings[foot].target[2]))
         if all(stands):
             self.footholds[...] = points
             self.position[...] = points

@@ -99,8 +99,8 @@ class ContactEvents:
         self.stance: BoolArray = flags
         self.since = [-np.inf if stands else clock.time for stands in flags]
         self.resting, self.brief = False, [False] * nc
-        self._full = [1.0] * nc
-        self._below: Callable[[int], bool] = _nowhere
+        self._full, self._none = [1.0] * nc, [False] * nc
+        self._below: Callable[[int], bool] = lambda foot: False
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
         self._due = [math.inf] * nc  # a touchdown that was scheduled and is not measured yet, s
@@ -130,7 +130,7 @@ class ContactEvents:
         if self.resting and measured is not None:
             self.clock.advance(t)  # all stand, whatever they measure
             return self.stance
-        self._below = _nowhere if below is None else below
+        self._below = (lambda foot: False) if below is None else below
         # Feet in the air first: one that is late delays the lift-offs of this tick before they take place.
         feet = range(self.clock.nc)
         landed = [carried and due == math.inf for carried, due in zip(carries, self._due, strict=True)]
@@ -250,13 +250,11 @@ class ContactEvents:
 
     def airborne(self, t: float) -> list[bool]:
         """Return (nc,) which feet carry as decided, but have measured no contact for some time; none at rest."""
+        if self.resting or False not in self._touching:
+            return self._none
         since = t - self.settings.touch_time_s
         feet = zip(self.stance.tolist(), self._touching, self.since, self._changed, strict=True)
         return [
-            not touching and carries and not self.resting and max(begin + self._age, changed) <= since
+            not touching and carries and max(begin + self._age, changed) <= since
             for carries, touching, begin, changed in feet
         ]
-
-
-def _nowhere(foot: int) -> bool:
-    return False

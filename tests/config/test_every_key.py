@@ -130,11 +130,12 @@ SOLO = {
             *("delays.measurement_s=0.002", "plant.link.measurement_latency_s=0.002", "duration_s=0.5"),
             "locomotion.limits.acceleration_m_s2=5",
         ],
-        (
-            "locomotion.contacts.lost_time_s",
-            "locomotion.contacts.touchdown_tolerance_s",
-            "locomotion.terrain.filter_share",
-        ),
+        ("locomotion.contacts.touchdown_tolerance_s", "locomotion.terrain.filter_share"),
+    ),
+    "thrown up in a trot": Scene(
+        "solo12_velocity",
+        ["commands=[{at_s: 0.01, velocity_m_s: [0.4, 0, 0], gait: trot}]", PUSH.format(0.2, 0, 0, 4), "duration_s=0.5"],
+        ("locomotion.contacts.lost_time_s",),
     ),
     "blocks": Scene(
         "solo12_velocity",

@@ -155,6 +155,7 @@ class UdpRobot:
         robot: which robot it is, see :class:`lgmpc.hardware.packets.Layout`.
 
     Attributes:
+        place: host and port, as text.
         forged: number of packets without a valid tag, or with an old number.
 
     Raises:
@@ -178,6 +179,7 @@ class UdpRobot:
             self._socket.close()
             raise InputError("address", f"{host}:{port}", f"a free one of this machine ({error})") from error
         self._socket.setblocking(False)
+        self.place = "{}:{}".format(*self.address)
         warn_of_network(host)
 
     @property
@@ -185,11 +187,6 @@ class UdpRobot:
         """Host and port of the socket."""
         host, port = self._socket.getsockname()
         return str(host), int(port)
-
-    @property
-    def place(self) -> str:
-        """Host and port, as text."""
-        return "{}:{}".format(*self.address)
 
     def wait_for_controller(self, timeout_s: float) -> bool:
         """Wait for the hello of a controller, and return whether one came."""

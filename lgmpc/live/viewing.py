@@ -7,6 +7,7 @@ import is imported when the page is served.
 import importlib.util
 import multiprocessing
 import os
+import re
 import signal
 import socket
 import sys
@@ -14,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 _OPENING_S = 60.0
 _HOST = "127.0.0.1"
 """viser has no access control: other machines come through ssh."""
+_ORIGINS = [None, re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")]
+"""Pages that may connect; viser lets in those of any site that is open in the same browser. Programs have none."""
 
 
 @dataclass
@@ -41,10 +45,8 @@ class Link:
 
     def send(self, message: object) -> None:
         """Send a message, unless there is no viewer any more."""
-        try:
+        with suppress(OSError):
             self.pipe.send(message)
-        except OSError:
-            pass
 
     def wishes(self) -> list[Any]:
         """Return what came since the last call; a viewer that has ended wishes the robot to stand still."""
@@ -136,15 +138,16 @@ def view(pipe: Connection, port: int) -> None:
     os.nice(5)  # where there are not enough cores, the loop comes first
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # viser prints its own addresses
     import viser
+    from websockets.asyncio import server as sockets
 
+    vars(sockets)["serve"] = partial(sockets.serve, origins=_ORIGINS)
     server = viser.ViserServer(_HOST, port, verbose=False)
     server.request_share_url = lambda *_, **__: None  # viser's tunnel would publish the page
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     pipe.send(f"http://{_HOST}:{port}")
     try:
-        _serve(server, pipe)
-    except (EOFError, OSError):
-        pass
+        with suppress(EOFError, OSError):
+            _serve(server, pipe)
     finally:
         server.stop()
 

@@ -244,6 +244,39 @@ def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config)
     assert not pulls.is_active(0.001)
 
 
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("http://elsewhere.example", 403),
+        ("http://localhost.elsewhere.example:8080", 403),
+        ("null", 403),
+        ("http://localhost:9000", 101),
+    ],
+)
+def test_pages_of_other_sites_do_not_reach_the_robot(origin: str, status: int, page: tuple[str, int]) -> None:
+    """Any page that is open in the same browser could have driven it; one through ssh has another port."""
+    with socket.create_connection(page, timeout=10.0) as link:
+        lines = ["GET / HTTP/1.1", f"Host: {page[0]}:{page[1]}", "Upgrade: websocket", "Connection: Upgrade"]
+        lines += [
+            "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==",
+            "Sec-WebSocket-Version: 13",
+            f"Origin: {origin}",
+            "",
+            "",
+        ]
+        link.sendall("\r\n".join(lines).encode())
+        assert link.recv(100).split()[1] == str(status).encode()
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[tuple[str, int]]:
+    """Host and port of a page without a run."""
+    told: list[str] = []
+    with Viewing(0, browser=False).open(told.append):
+        host, _, port = told[0].removeprefix("page: http://").partition(":")
+        yield host, int(port)
+
+
 def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -280,7 +280,7 @@ class MappedBelief(TerrainBelief):
                 planner, motion, feet, points, ground, remaining, stance, turn, others is not None
             )
         if before is not None:
-            near &= np.linalg.norm(points - before[:2], axis=2) <= leeway
+            near = near & (np.linalg.norm(points - before[:2], axis=2) <= leeway)
         ok = flat & near
         which, place = np.nonzero(ok)
         below = points[which, place][:, None] + _SHANK[:, None] * arms[which, None]

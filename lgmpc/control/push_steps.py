@@ -12,6 +12,7 @@ import numpy as np
 from lgmpc.control.feet import Feet
 from lgmpc.control.modes import ModeSettings
 from lgmpc.control.planner import Planner
+from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion, Point
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
@@ -99,9 +100,8 @@ class PushSteps:
         if distance < s.place_tolerance_m and abs(turn) < s.place_tolerance_m / self._height:
             return replace(request, gait=s.gait), ((x, y), at.yaw + turn)  # of the velocity that is left
         rate = min(s.return_rate_hz, s.return_speed_m_s / max(distance, abs(turn) * self._height))
-        c, n = math.cos(at.yaw), math.sin(at.yaw)
-        ahead, left = rate * (c * dx + n * dy), rate * (c * dy - n * dx)
-        return replace(request, vx=ahead, vy=left, yaw_rate=rate * turn, gait=s.gait), None
+        ahead, left = attitude.turn(-at.yaw, dx, dy)
+        return replace(request, vx=rate * ahead, vy=rate * left, yaw_rate=rate * turn, gait=s.gait), None
 
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the command with the feet, from the end of the first cycles on."""

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Protocol, get_args
 from pydantic import AfterValidator, Field, field_validator
 
 from lgmpc.errors import InputError
+from lgmpc.lie import attitude
 from lgmpc.settings import Finite, NonNegative, Positive, Problem, Settings, Vector3, key, problem, problems
 
 ModeRequest = Literal["stand", "lie", "damp"]
@@ -218,8 +219,7 @@ class Ramp:
         """Return the same in axes that are turned by minus ``angle``, rad."""
         if self.duration == 0.0:
             return self
-        c, s = math.cos(angle), math.sin(angle)
-        return Ramp(c * self.ax - s * self.ay, s * self.ax + c * self.ay, self.duration)
+        return Ramp(*attitude.turn(angle, self.ax, self.ay), self.duration)
 
 
 _NO_RAMP = Ramp()

@@ -31,6 +31,7 @@ from typing import Protocol
 import numpy as np
 from pydantic import Field
 
+from lgmpc.lie import attitude
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
@@ -209,7 +210,7 @@ class FootholdPlanner:
         left = self._left(remaining)
         ex, ey = motion.vx - motion.commanded_vx, motion.vy - motion.commanded_vy
         com = self.expected(motion, remaining, present=False)
-        wx, wy = _turn(motion.commanded_vx, motion.commanded_vy, motion.yaw_rate * remaining)
+        wx, wy = attitude.turn(motion.yaw_rate * remaining, motion.commanded_vx, motion.commanded_vy)
         return self._place(foot, motion, com, (wx + left * ex, wy + left * ey), remaining, stance, (), width)
 
     def expected(self, motion: BaseMotion, remaining: float, present: bool) -> Point:
@@ -219,7 +220,7 @@ class FootholdPlanner:
         ex, ey = motion.vx - motion.commanded_vx, motion.vy - motion.commanded_vy
         drift = self.settings.error_decay_s * (1.0 - self._left(remaining))
         # The commanded velocity turns with the base: along the chord of the arc until the touchdown.
-        cx, cy = _turn(motion.commanded_vx, motion.commanded_vy, 0.5 * motion.yaw_rate * remaining)
+        cx, cy = attitude.turn(0.5 * motion.yaw_rate * remaining, motion.commanded_vx, motion.commanded_vy)
         return motion.x + cx * remaining + ex * drift, motion.y + cy * remaining + ey * drift
 
     def reach(self, foot: int, height: float) -> float:
@@ -244,9 +245,9 @@ class FootholdPlanner:
         ramp = motion.ramp
         before, after = min(remaining, ramp.duration), min(remaining + stance, ramp.duration)
         vx, vy = vx + before * ramp.ax, vy + before * ramp.ay
-        wx, wy = _turn(motion.commanded_vx + after * ramp.ax, motion.commanded_vy + after * ramp.ay, turned)
+        wx, wy = attitude.turn(turned, motion.commanded_vx + after * ramp.ax, motion.commanded_vy + after * ramp.ay)
         # To the middle of the stance: the path of the centre of mass turns by half of the base's rotation.
-        nx, ny = _turn(vx, vy, 0.5 * omega * half)
+        nx, ny = attitude.turn(0.5 * omega * half, vx, vy)
         if stance != self._stance:
             self._stance, self._neutral = stance, math.tanh(0.5 * rate * stance) / rate
             self._gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
@@ -259,7 +260,7 @@ class FootholdPlanner:
         if stance < math.inf:
             ahead, left = self._walking[foot]
             left *= width
-        fx, fy = _turn(ahead, left, motion.yaw + turned + omega * half)
+        fx, fy = attitude.turn(motion.yaw + turned + omega * half, ahead, left)
         ax, ay = motion.error_x, motion.error_y
         bx, by = gain * (vx - wx), gain * (vy - wy)
         shift, most = math.hypot(bx, by), motion.friction * self.height
@@ -269,7 +270,7 @@ class FootholdPlanner:
         if stance < math.inf and (
             motion.load_x or motion.load_y
         ):  # where the weight's moment about the feet balances that of the load
-            aside, along = _turn(*self.normals[foot], motion.yaw + turned)
+            aside, along = attitude.turn(motion.yaw + turned, *self.normals[foot])
             across = aside * motion.load_x + along * motion.load_y  # planar legs have no foothold against it
             ax += (motion.load_x - across * aside) / (rate * rate)
             ay += (motion.load_y - across * along) / (rate * rate)
@@ -286,11 +287,9 @@ class FootholdPlanner:
         middle of the feet meets that plane: on a diagonal of feet, only the distance of the centre of mass from their
         line determines how the robot falls.
         """
-        (cx, cy), c, s = com, math.cos(yaw), math.sin(yaw)
+        cx, cy = com
         # In the axes of the base at touchdown.
-        near = [(c * (x - cx) + s * (y - cy), c * (y - cy) - s * (x - cx)) for x, y in others]
-        x, y = point[0] - cx, point[1] - cy
-        wanted = c * x + s * y, c * y - s * x
+        wanted, *near = [attitude.turn(-yaw, x - cx, y - cy) for x, y in (point, *others)]
         before = apart = self._clear(foot, wanted, near)
         for _ in range(_PROJECTIONS):
             point = self._reachable(foot, *apart, motion.height)
@@ -308,7 +307,8 @@ class FootholdPlanner:
             tilted = (self.height + motion.height) * (nx * motion.rise_ahead + ny * motion.rise_left)
             out = nx * (x - fx) + ny * (y - fy) - tilted
             x, y = x - out * tx, y - out * ty
-        return cx + (c * x - s * y), cy + (s * x + c * y)
+        x, y = attitude.turn(yaw, x, y)
+        return cx + x, cy + y
 
     def _clear(self, foot: int, point: Point, others: Sequence[Point]) -> Point:
         """Return the point moved away from each of the other feet that is nearer than the least distance."""
@@ -393,10 +393,3 @@ def _oblique(normal: Point, line: Point) -> Point:
     if abs(across) < _STEEPEST * math.hypot(*line):
         return normal
     return line[0] / across, line[1] / across
-
-
-def _turn(x: float, y: float, angle: float) -> Point:
-    if angle == 0.0:
-        return x, y
-    c, s = math.cos(angle), math.sin(angle)
-    return c * x - s * y, s * x + c * y

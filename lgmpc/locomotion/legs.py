@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.errors import InputError
+from lgmpc.lie import attitude
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.swing import SwingTrajectory
 from lgmpc.robot import Robot, leg_chain, leg_joints, leg_normals
@@ -62,8 +63,7 @@ class LegGeometry:
             yaw: heading of the base, rad.
         """
         x, y, _ = self.feet.mean(axis=0).tolist()
-        c, s = math.cos(yaw), math.sin(yaw)
-        return points.mean(axis=0) + [s * y - c * x, -s * x - c * y, self.height]
+        return points.mean(axis=0) + [*attitude.turn(yaw, -x, -y), self.height]
 
     @classmethod
     def of(cls, robot: Robot) -> "LegGeometry":

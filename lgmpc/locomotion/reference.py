@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.compile import StageKernel
+from lgmpc.lie import attitude, quaternion
 from lgmpc.locomotion.command import MotionCommand, Ramp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
@@ -89,10 +90,9 @@ class ReferenceBuilder:
         """Integrate the limited command over ``dt``, s."""
         vx, vy, rate = command.vx, command.vy, command.yaw_rate
         if vx or vy or rate:
-            middle = self.yaw + 0.5 * dt * rate
-            c, n = math.cos(middle), math.sin(middle)
-            self.x += dt * (c * vx - n * vy)
-            self.y += dt * (n * vx + c * vy)
+            x, y = attitude.turn(self.yaw + 0.5 * dt * rate, vx, vy)
+            self.x += dt * x
+            self.y += dt * y
             self.yaw += dt * rate
 
     def draw(self, dt: float, by: tuple[float, float]) -> None:
@@ -125,26 +125,23 @@ class ReferenceBuilder:
     def velocity(self, command: MotionCommand) -> tuple[float, float]:
         """Return the commanded velocity in world axes, m/s."""
         vx, vy = command.vx, command.vy
-        if not (vx or vy):
-            return 0.0, 0.0
-        c, n = math.cos(self.yaw), math.sin(self.yaw)
-        return c * vx - n * vy, n * vx + c * vy
+        return attitude.turn(self.yaw, vx, vy) if vx or vy else (0.0, 0.0)
 
     def pose(self, command: MotionCommand, ground: TerrainBelief) -> DesiredPose:
         """Return where the robot should be now; arguments as of :meth:`write`. The result is overwritten next time."""
         pose, yaw = self._pose, self.yaw
         pitch, roll = self._along(ground, command)
-        attitude = yaw, pitch, roll, command.yaw_rate
-        if attitude != self._attitude:
-            self._attitude = attitude
-            tilt, c, s = _pitch_roll(pitch, roll), math.cos(yaw), math.sin(yaw)
-            quaternion = _about_vertical(tilt, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
-            rotation = _rotation(*quaternion)
+        angles = yaw, pitch, roll, command.yaw_rate
+        if angles != self._attitude:
+            self._attitude = angles
+            tilt = _pitch_roll(pitch, roll)
+            q = _about_vertical(tilt, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
+            rotation = _rotation(*q)
             turning = [command.yaw_rate * each for each in rotation[2]]  # the vertical, in the base's axes
-            pose.base_pose[3:] = quaternion
+            pose.base_pose[3:] = q
             pose.attitude[:] = [*rotation[0], *rotation[1], *rotation[2], *turning]
             bx, by, bz = _rotate(tilt, self._legs.base)
-            self._base = (c * bx - s * by, s * bx + c * by, bz)
+            self._base = (*attitude.turn(yaw, bx, by), bz)
         x, y = self.x, self.y
         z = ground.plane_at(x, y) + self._legs.height + command.height
         (bx, by, bz), (vx, vy), (along_x, along_y) = self._base, self.velocity(command), ground.slope
@@ -159,8 +156,7 @@ class ReferenceBuilder:
         """Return pitch and roll of a base parallel to the ground, or upright, and as commanded besides, rad."""
         if ground.level or ground.upright:
             return command.pitch, command.roll
-        (x, y), c, s = ground.slope, math.cos(self.yaw), math.sin(self.yaw)
-        ahead, left = c * x + s * y, c * y - s * x
+        ahead, left = attitude.turn(-self.yaw, *ground.slope)
         return command.pitch - math.atan(ahead), command.roll + math.atan2(left, math.sqrt(1.0 + ahead * ahead))
 
     def write(
@@ -265,8 +261,5 @@ def _rotation(x: float, y: float, z: float, w: float) -> list[list[float]]:
     ]
 
 
-def _rotate(quaternion: tuple[float, float, float, float], point: Array) -> tuple[float, float, float]:
-    x, y, z, w = quaternion
-    a, b, c = float(point[0]), float(point[1]), float(point[2])
-    u, v, s = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u
+def _rotate(by: tuple[float, float, float, float], point: Array) -> list[float]:
+    return quaternion.act.unchecked(np.array(by), point).tolist()

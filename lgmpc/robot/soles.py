@@ -16,6 +16,7 @@ import pinocchio as pin
 from pydantic import Discriminator, Field, Tag
 
 from lgmpc.errors import InputError
+from lgmpc.lie import attitude
 from lgmpc.robot.collision import read_collision_geometry
 from lgmpc.robot.feet import lever
 from lgmpc.robot.native_stderr import native_stderr
@@ -209,9 +210,7 @@ class FootPoints:
             yaws: headings relative to those in the reference posture, rad.
             normal: (..., nc, 3) unit normals of the surface, along which soles lie, or (3,) one.
         """
-        yaw, (x, y, _) = yaws[..., self.of], self.offsets.T
-        c, s = np.cos(yaw), np.sin(yaw)
-        x, y = c * x - s * y, s * x + c * y
+        x, y = attitude.turn(yaws[..., self.of], *self.offsets.T[:2])
         nx, ny, nz = np.moveaxis(normal, -1, 0)
         fall = nx * x + ny * y  # turned with the surface about its line of equal height
         return np.stack([x - nx * fall / (1.0 + nz), y - ny * fall / (1.0 + nz), -fall], axis=-1)

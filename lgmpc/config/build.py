@@ -216,24 +216,13 @@ def build_recorder(
         "hand": bool(config.wbc.hands),
     }
     return Recorder(
-        nq=robot.nq,
-        nv=robot.nv,
-        effort_limit=effort_limit,
-        joint_names=robot.joint_names,
-        optional={name for name, recorded in optional.items() if recorded},
-        mass=mass,
-        contact_frames=robot.contact_frames,
-        friction=friction,
-        contact_radius=robot.foot_points.radius,
-        upright_axis=robot.upright_axis,
-        world=world,
-        hands=len(config.wbc.hands),
-        control_period_s=ticks.period,
-        ticks=ticks.count,
-        mpc_nodes=0 if mpc is None else mpc.nodes,
-        mpc_period_s=0.0 if mpc is None else 1.0 / mpc.rate_hz,
+        nq=robot.nq, nv=robot.nv, effort_limit=effort_limit, joint_names=robot.joint_names, mass=mass,
+        optional={name for name, recorded in optional.items() if recorded}, hands=len(config.wbc.hands),
+        contact_frames=robot.contact_frames, contact_radius=robot.foot_points.radius, friction=friction,
+        upright_axis=robot.upright_axis, world=world, control_period_s=ticks.period, ticks=ticks.count,
+        mpc_nodes=0 if mpc is None else mpc.nodes, mpc_period_s=0.0 if mpc is None else 1.0 / mpc.rate_hz,
         mpc_updates=0 if mpc is None else int(config.duration_s * mpc.rate_hz) + 1,
-    )
+    )  # fmt: skip
 
 
 def prepare(config: Config, *, notify: Notify = lambda message: None) -> Session:
@@ -281,23 +270,14 @@ def _build_session(
         )
     )
     return ClosedLoopSession(
-        robot=robot,
-        plant=plant,
-        controller=controller,
-        initial=initial,
-        pushes=PushSchedule(config.pushes, plant.dt, plant.bodies),
-        ticks=ticks,
-        recorder=recorder,
-        log_every=config.log_every,
-        gate=config.gate,
+        robot=robot, plant=plant, controller=controller, initial=initial, estimator=estimator, world=world,
+        pushes=PushSchedule(config.pushes, plant.dt, plant.bodies), simulated=config.plant,
+        ticks=ticks, recorder=recorder, log_every=config.log_every, gate=config.gate,
         after_fall_s=math.inf if config.after_fall_s is None else config.after_fall_s,
-        simulated=config.plant,
-        world=world,
         sensing=_build_sensing(config, robot, estimator),
         hardware=_build_hardware(config, plant, controller, estimator),
-        estimator=estimator,
         earlier=(*before.earlier, (before, ticks.nearest(begin_s))) if before else (),
-    )
+    )  # fmt: skip
 
 
 def _build_sensing(config: Config, robot: Robot, estimator: LeggedEstimator | None) -> Sensing | TrueState | None:

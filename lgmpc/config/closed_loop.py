@@ -267,11 +267,13 @@ class RunObserver:
         self._controller, self._truth, self._estimator, self._monitor = controller, truth, estimator, monitor
         self._record, self._record_plan = recorder.append, recorder.record_mpc
         self._channels, self._progress, self._hands = recorder.channels, progress, controller.wbc.hands
+        self._reported = [name for name in ("joint_friction", "motor_shares", "forecast_ms") if name in self._channels]
         self._every, self._last = max(1, ticks.nearest(_REPORT_PERIOD)), ticks.count - 1
         self._duration = ticks.end
         self._lowest = FALL_HEIGHT_FRACTION * float(controller.robot.q_reference[2])
         self._after_fall, self.fell_s = after_fall_s, fell_s
         self._world, self._upright = recorder.world, controller.robot.upright_axis
+        self._feet = controller.robot.foot_points
         # An update computes the contact points before the normals: those of the last update belong to them.
         self._next_normals = (controller.wbc.terms if truth is None else truth).normals
         self._normals = self._next_normals.copy()
@@ -295,45 +297,27 @@ class RunObserver:
             self._states = list(report.contact_states)
             self._codes = np.array([_STATE_CODES[state] for state in self._states], dtype=np.float64)
         values: dict[str, ArrayLike] = {
-            "time": sample.time,
-            "q": sample.q,
-            "v": sample.v,
-            "tau": sample.tau,
-            "tau_command": tick.torque,
-            "contact_forces": sample.contact_forces,
-            "contact_forces_desired": report.forces,
-            "contact_points": sensed.contact_points,
-            "contact_normals": self._normals,
-            "com": sensed.com,
-            "com_reference": report.com_target,
-            "momentum": sensed.momentum,
-            "base_reference": report.base_target,
-            "push": tick.disturbance.wrench,
-            "push_point": tick.disturbance.point,
+            "time": sample.time, "q": sample.q, "v": sample.v, "tau": sample.tau, "tau_command": tick.torque,
+            "contact_forces": sample.contact_forces, "contact_forces_desired": report.forces,
+            "contact_points": sensed.contact_points, "contact_normals": self._normals, "com": sensed.com,
+            "com_reference": report.com_target, "momentum": sensed.momentum, "base_reference": report.base_target,
+            "push": tick.disturbance.wrench, "push_point": tick.disturbance.point,
             "wbc_status": 2 if tick.replaced else 0 if report.status is Status.CONVERGED else 1,
-            "wbc_ms": report.tick_ms,
-            "command": self._velocities,
-            "mode": _MODE_CODES[report.mode],
-            "gait_period_s": report.gait.period_s,
-            "stance": report.stance,
-            "contact_states": self._codes,
-            "swing_targets": report.foot_targets,
-            "footholds": report.footholds,
-        }
+            "wbc_ms": report.tick_ms, "command": self._velocities, "mode": _MODE_CODES[report.mode],
+            "gait_period_s": report.gait.period_s, "stance": report.stance, "contact_states": self._codes,
+            "swing_targets": report.foot_targets, "footholds": report.footholds,
+        }  # fmt: skip
         if self._estimator is not None:
             estimator = self._estimator
             values["estimate_q"] = tick.state.q if report.finite else math.nan
             values["estimate_v"] = tick.state.v if report.finite else math.nan
-            values["estimate_contacts"] = estimator.contacts.astype(np.int8) + estimator.rejected
+            feet, rejected = self._feet, estimator.rejected
+            values["estimate_contacts"] = feet.touching(estimator.contacts).astype(np.int8) + feet.touching(rejected)
             values["estimate_ms"] = 1e3 * estimator.spent
         if self._monitor is not None:
             values["sensor_faults"] = self._monitor.faults
-        if "joint_friction" in self._channels:
-            values["joint_friction"] = report.joint_friction
-        if "motor_shares" in self._channels:
-            values["motor_shares"] = report.motor_shares
-        if "forecast_ms" in self._channels:
-            values["forecast_ms"] = report.forecast_ms
+        for name in self._reported:
+            values[name] = getattr(report, name)
         if "believed_ground" in self._channels:
             ground, (x, y, z) = report.ground, tick.state.q[:3].tolist()
             values["believed_ground"] = (z - ground.plane_at(x, y), *ground.slope)

@@ -177,8 +177,8 @@ class LeggedController:
         """Return the report of the tick that began at ``started`` on the clock, s."""
         wbc, feet, terms = self.wbc, self.feet, self.wbc.terms
         return TickReport(
-            time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.points.spread(feet.stance),
-            feet.points.spread(feet.events.states), terms.contact_points, terms.com, terms.momentum, self.target,
+            time, terms.finite, self.modes.mode, self.command, feet.clock.gait, feet.stance,
+            feet.events.states, terms.contact_points, terms.com, terms.momentum, self.target,
             self.base_target, feet.targets, feet.point_footholds, wbc.forces, wbc.external_wrench, feet.ground,
             self.faults.shares, wbc.joint_friction, wbc.status, None if self.planner is None else self.planner.plan,
             self._planned, 1e3 * (perf_counter() - started - self._plan_s), 1e3 * self._plan_s, 0.0,

@@ -25,8 +25,8 @@ class TickReport(NamedTuple):
         mode: of the robot.
         command: the limited command.
         gait: followed or, of a robot at rest, standing.
-        stance: (nc,) which feet carry.
-        contact_states: (nc,) contacts relative to the schedule.
+        stance: (nf,) which feet carry.
+        contact_states: (nf,) contacts relative to the schedule.
         contact_points: (nc, 3) sensed contact points, m.
         com: (3,) sensed centre of mass, m.
         momentum: (6,) sensed centroidal momentum [linear; angular].

@@ -156,10 +156,6 @@ def _episodes(time: Array, flags: BoolArray) -> list[tuple[int, int]]:
     return joined_intervals(time, flags, _JOINED_S)
 
 
-def _any(flags: BoolArray) -> BoolArray:
-    return np.logical_or.reduce(flags, axis=1)
-
-
 def _event(log: RunLog, span: tuple[int, int], kind: EventKind, name: str, words: str) -> Event:
     return Event(float(log.time[span[0]]), float(log.time[span[1] - 1]), kind, name, words)
 
@@ -202,16 +198,16 @@ def _commands(log: RunLog) -> Iterator[Event]:
 
 def _contacts(log: RunLog) -> Iterator[Event]:
     """Yield the intervals in which feet are unloaded although the controller assumes contact."""
-    feet = log.contact_frames.tolist()
+    feet = [*log.feet]
     if not feet:
         return
     on_feet = np.isin(log.mode, [MODES.index(mode) for mode in ("stand", "locomote", "recover")])
-    missing = (log.stance != 0) & on_feet[:, None] & ~log.closed
+    missing = (log.stance != 0) & on_feet[:, None] & ~log.touching
     for foot in range(len(feet)):
         for a, b in intervals(missing[:, foot]):
             if log.time[b - 1] - log.time[a] < _OPEN_S:
                 missing[a:b, foot] = False
-    for span in _episodes(log.time, _any(missing)):
+    for span in _episodes(log.time, missing.any(axis=1)):
         words = f"without contact where the controller relies on it: {_involved(log, missing, feet, span)}"
         yield _event(log, span, EventKind.CONTACT, "contact lost", words)
 
@@ -295,7 +291,7 @@ def _reached(log: RunLog, quantity: Limited) -> Iterator[Event]:
         reached = _held(reached, np.isnan(used))
     elif quantity.name == "slip":
         kind = EventKind.CONTACT
-    for a, b in _episodes(log.time, _any(reached)):
+    for a, b in _episodes(log.time, reached.any(axis=1)):
         if kind is EventKind.LIMIT and reached[a:b].sum(axis=0).max() * _period(log) < _BRIEF_S:
             continue
         words = _beyond(log, quantity, reached, (a, b))
@@ -318,9 +314,10 @@ def _beyond(log: RunLog, quantity: Limited, reached: BoolArray, span: tuple[int,
         return f"capture point outside the support by up to {-value:.3g} {unit}"
     if quantity.subjects == ("",):
         return f"{quantity.name} beyond its limit of {limit:.3g} {unit}: {value:.3g} {unit}"
-    involved = _involved(log, reached, quantity.subjects, span)
     if quantity.name == "friction":
+        involved = _involved(log, log.of_feet(np.logical_or, reached), [*log.feet], span)
         return f"friction cone (coefficient {log.friction_of_feet[at]:.3g}) used up: {involved}"
+    involved = _involved(log, reached, quantity.subjects, span)
     if quantity.name == "slip":
         return f"feet slid by up to {value:.3g} {unit}: {involved}"
     worst = f", up to {value:.3g}" if abs(value) > (1.0 + _AT_LIMIT) * abs(limit) else ""

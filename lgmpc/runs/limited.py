@@ -220,7 +220,8 @@ def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = Non
     if feet:
         yield _friction(log, feet)
         slip, given = gate.max_slip_m, gate.max_slip_m is not None
-        yield highest("slip", "mm", feet, 1e3 * slide(log), 1e3 * (_SLID_M if slip is None else slip), given)
+        slid = 1e3 * log.of_feet(np.maximum, slide(log))
+        yield highest("slip", "mm", tuple(log.feet), slid, 1e3 * (_SLID_M if slip is None else slip), given)
     if feet and np.isfinite(log.mass_kg):
         margin = 1e3 * capture_margin(log)[:, None]
         # At rest the capture point is the centre of mass: the margin at the start is that of the nominal stance.
@@ -303,7 +304,7 @@ def capture_margin(log: RunLog) -> Array:
     The support is the convex hull of the feet that touch the ground and of the footholds of those that swing. NaN in
     flight, where the mass was not recorded, and while the robot lies, rises or lies down: its body may carry it.
     """
-    swinging = log.stance == 0
+    swinging = (log.stance == 0)[:, log.foot_of]
     points = np.where(swinging[:, :, None], log.footholds[:, :, :2], log.contact_points[:, :, :2])
     margin = support_margin(points, log.closed | swinging, capture_point(log))
     margin[np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])] = np.nan

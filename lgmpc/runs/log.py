@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -15,7 +16,7 @@ from lgmpc.errors import RunFolderError
 from lgmpc.lie import quaternion
 from lgmpc.runs.channels import ArrayFile, Channel, channel, channels_of, described
 from lgmpc.runs.ground import along_ground, foot_centres
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.typing import GRAVITY, Array, BoolArray, IntArray
 
 StatusArray = NDArray[np.int8]
 
@@ -47,7 +48,7 @@ _entry = partial(channel, "entry")
 @described
 @dataclass(frozen=True, kw_only=True)
 class RunLog(ArrayFile):
-    """The log of one run: n control ticks, m MPC updates, nc contacts. World axes, SI units, read-only arrays.
+    """The log of one run: n control ticks, m MPC updates, nf feet with nc contact points. World axes, read-only arrays.
 
     Attributes:
         friction: friction coefficient of the plant's floor at the end.
@@ -100,7 +101,7 @@ class RunLog(ArrayFile):
     )
     estimate_contacts: StatusArray | None = _estimate(
         "1 = the estimator classified the foot as standing, 2 = and rejected its measurement, because it slides",
-        "nc",
+        "nf",
         dtype=np.int8,
     )
     estimate_ms: Array | None = _estimate("duration of the estimator's tick", unit="ms")
@@ -112,12 +113,16 @@ class RunLog(ArrayFile):
     )
     mode: StatusArray = _tick("mode of the controller, as index into MODES", dtype=np.int8)
     gait_period_s: Array = _tick("duration of one cycle of the gait that the schedule follows", unit="s")
-    stance: StatusArray = _tick("1 = the controller assumes that the foot is in contact", "nc", dtype=np.int8)
-    contact_states: StatusArray = _tick("state of each foot, as index into CONTACT_STATES", "nc", dtype=np.int8)
+    stance: StatusArray = _tick("1 = the controller assumes that the foot is in contact", "nf", dtype=np.int8)
+    contact_states: StatusArray = _tick("state of each foot, as index into CONTACT_STATES", "nf", dtype=np.int8)
     swing_targets: Array = _tick(
-        "reference of a foot in the air, contact point of one in stance", "nc", 3, unit="m", frame="world"
+        "references of the points of feet in the air, contact points of feet in stance",
+        "nc",
+        3,
+        unit="m",
+        frame="world",
     )
-    footholds: Array = _tick("current or next foothold of each foot", "nc", 3, unit="m", frame="world")
+    footholds: Array = _tick("current or next places of the contact points", "nc", 3, unit="m", frame="world")
     joint_friction: Array | None = _friction("estimated friction that the torques overcome", "nu", unit="N.m")
     motor_shares: Array | None = _motor("share of its torque that each motor gives, as detected", "nu")
     sensor_faults: NDArray[np.uint8] | None = _fault(
@@ -154,7 +159,7 @@ class RunLog(ArrayFile):
     upright_axis: Array = _entry("axis of the base that is vertical in the robot's posture", 3, frame="base")
 
     def __post_init__(self) -> None:
-        sizes: dict[str, int] = {}
+        sizes = {"nf": len(self.feet)}
         for name, each in channels_of(RunLog, "entry").items():
             each.check(name, getattr(self, name), sizes)
         for table in (*self._tick_tables(), MPC_CHANNELS):
@@ -178,11 +183,11 @@ class RunLog(ArrayFile):
         return {"ticks": [name for table in self._tick_tables() for name in table], "mpc": list(MPC_CHANNELS)}
 
     def names_along(self) -> dict[str, list[str]]:
-        """Return the names of entries along the axes nq, nv, nu and nc."""
+        """Return the names of entries along the axes nq, nv, nu, nc and nf."""
         joints = self.joint_names.tolist()
         base = ("x y z qx qy qz qw", "vx vy vz wx wy wz") if self.floating_base else ("", "")
         names = {f"n{axis}": [*words.split(), *joints] for axis, words in zip("qv", base, strict=True)}
-        return names | {"nu": joints, "nc": self.contact_frames.tolist()}
+        return names | {"nu": joints, "nc": self.contact_frames.tolist(), "nf": [*self.feet]}
 
     @property
     def finite_ticks(self) -> int:
@@ -242,16 +247,28 @@ class RunLog(ArrayFile):
         return foot_centres(self.contact_points, self.contact_normals, self.contact_radius)
 
     @cached_property
-    def first_points(self) -> list[int]:
-        """(nf,) index of the first contact point of each foot: a sole's are called ``frame/1``, ``frame/2``, ..."""
-        parts = [(name, *name.rpartition("/")[::2]) for name in self.contact_frames.tolist()]
-        feet = [frame if frame and k.isdigit() else name for name, frame, k in parts]
-        return [feet.index(foot) for foot in dict.fromkeys(feet)]
+    def feet(self) -> Mapping[str, int]:
+        """Numbers of contact points of the nf feet, by their names."""
+        return feet_of(self.contact_frames.tolist())
+
+    @cached_property
+    def foot_of(self) -> IntArray:
+        """(nc,) foot of each contact point."""
+        return np.repeat(np.arange(len(self.feet)), list(self.feet.values()))
+
+    def of_feet(self, combination: np.ufunc, values: NDArray[Any]) -> NDArray[Any]:
+        """Return (n, nf) combinations, such as sums, over the points of each foot of values (n, nc)."""
+        return _combined(combination, values, self.feet)
 
     @property
     def closed(self) -> BoolArray:
-        """(n, nc) flags of the contacts with a force."""
+        """(n, nc) flags of the contact points with a force."""
         return self.normal_forces > CONTACT_FORCE_N
+
+    @property
+    def touching(self) -> BoolArray:
+        """(n, nf) flags of the feet with a force at any point."""
+        return self.of_feet(np.logical_or, self.closed)
 
     @property
     def weight_n(self) -> float:
@@ -296,6 +313,17 @@ class RunLog(ArrayFile):
         """(n, nu) velocity of the actuated joints, rad/s."""
         return self.v[:, 6:] if self.floating_base else self.v
 
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RunLog:
+        """Return the contents of a file; flags with an entry for each corner of a sole, as once saved, become its own.
+
+        Raises:
+            RunFolderError: if a channel is missing or has the wrong shape or type.
+        """
+        feet = feet_of(map(str, np.ravel(arrays.get("contact_frames", ()))))
+        corners = [name for name in _OF_FEET if name in arrays and arrays[name].shape[1:] == (sum(feet.values()),)]
+        return super().from_arrays({**arrays, **{k: _combined(np.maximum, arrays[k], feet) for k in corners}})
+
     def decimated(self, every: int) -> RunLog:
         """Return the log with one of ``every`` ticks.
 
@@ -333,6 +361,20 @@ class RunLog(ArrayFile):
 
 CHANNELS, GROUND_CHANNELS, MPC_CHANNELS = (channels_of(RunLog, table) for table in ("tick", "ground", "update"))
 """Channels of a control tick, those of the ground, computed when the log is made, and those of an MPC update."""
+
+_OF_FEET = [name for t in ("tick", "estimate") for name, each in channels_of(RunLog, t).items() if "nf" in each.axes]
+
+
+def feet_of(contact_frames: Iterable[str]) -> Mapping[str, int]:
+    """Return the number of points of each foot by its name: those of a sole are ``frame/1``, ``frame/2``, ..."""
+    parts = [(name, *name.rpartition("/")[::2]) for name in contact_frames]
+    return Counter(frame if frame and k.isdigit() else name for name, frame, k in parts)
+
+
+def _combined(combination: np.ufunc, values: NDArray[Any], feet: Mapping[str, int]) -> NDArray[Any]:
+    ends = np.cumsum([*feet.values()])
+    return values if len(feet) == values.shape[1] else combination.reduceat(values, [0, *ends[:-1]], axis=1)
+
 
 _UP = np.array([0.0, 0.0, 1.0])
 

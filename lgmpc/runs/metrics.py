@@ -17,7 +17,7 @@ from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import joined_intervals
 from lgmpc.runs.log import SENSOR_FAULTS, RunLog
 from lgmpc.runs.modes import ModeMetrics, fallen_ticks, falls, mode_metrics
-from lgmpc.runs.walking import WalkingMetrics, walking_metrics
+from lgmpc.runs.walking import WalkingMetrics, rms, walking_metrics
 from lgmpc.typing import Array, BoolArray
 
 
@@ -82,7 +82,7 @@ def estimator_errors(log: RunLog) -> EstimatorErrors | None:
         final_yaw_deg=float(abs(yaw[-1])),
         rms_velocity_m_s=float(np.sqrt(np.mean(np.square(velocity)))),
         max_velocity_m_s=float(velocity.max()),
-        wrong_contact_fraction=float((log.closed[use] != (log.estimate_contacts[use] != 0)).mean()),
+        wrong_contact_fraction=float((log.touching[use] != (log.estimate_contacts[use] != 0)).mean()),
         rejected_measurements=int(np.count_nonzero(log.estimate_contacts == 2)),
     )
 
@@ -239,8 +239,8 @@ def compute_metrics(
         max_abs_torque_nm=float(torque.max(initial=0.0)),
         torque_saturation_fraction=float(saturated.any(axis=1).mean()),
         min_friction_margin_n=float(margins.min()) if margins.size else None,
-        rms_joint_velocity_rad_s=_rms(log.joint_velocity[steady].ravel()),
-        com_rms_error_m=_rms(com_error),
+        rms_joint_velocity_rad_s=rms(log.joint_velocity[steady].reshape(-1, 1)),
+        com_rms_error_m=rms(com_error[:, None]),
         max_com_error_m=float(com_error.max()) if com_error.size else None,
         solver_failures=int(np.count_nonzero(whole.wbc_status) + np.count_nonzero(whole.mpc_status)),
         deadline_misses=int(np.count_nonzero(_tick_ms(whole) > 1e3 * log.control_period_s)),
@@ -341,7 +341,3 @@ def _tick_ms(log: RunLog) -> Array:
     planning = np.isin(log.mpc_time, log.time)
     total[np.searchsorted(log.time, log.mpc_time[planning])] += log.mpc_ms[planning]
     return total
-
-
-def _rms(values: Array) -> float | None:
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else None

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from lgmpc.errors import InputError
 from lgmpc.runs.channels import Channel, channels_of
 from lgmpc.runs.ground import friction_channel, ground_channels
-from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, OPTIONAL, RunLog
+from lgmpc.runs.log import CHANNELS, GROUND_CHANNELS, MPC_CHANNELS, OPTIONAL, RunLog, feet_of
 from lgmpc.settings import Positive, Settings, key
 from lgmpc.typing import Array
 from lgmpc.world import World
@@ -104,6 +104,7 @@ class Recorder:
             "mass_kg": float(mass),
         }
         sizes = {"nq": nq, "nv": nv, "nu": len(effort), "nc": len(contact_frames), "nodes": mpc_nodes + 1, "nh": hands}
+        sizes["nf"] = len(feet_of(contact_frames))
         channels = dict(CHANNELS)
         for table in OPTIONAL:
             channels |= channels_of(RunLog, table) if table in optional else {}

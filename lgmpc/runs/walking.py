@@ -179,19 +179,18 @@ def _tracking(walk: _Walk) -> dict[str, Any]:
         deviations.append(float(height.std()))
     strides = np.concatenate(means) if means else np.zeros((0, 3))
     return {
-        "velocity_rmse_m_s": _rms(strides[:, :2]),
-        "raw_velocity_rmse_m_s": _rms(np.concatenate(raw)) if raw else None,
+        "velocity_rmse_m_s": rms(strides[:, :2]),
+        "raw_velocity_rmse_m_s": rms(np.concatenate(raw)) if raw else None,
         "velocity_bias_m_s": max(biases, default=None),
-        "yaw_rate_rmse_rad_s": _rms(strides[:, 2:]),
-        "height_rmse_m": _rms(np.concatenate(heights)[:, None]) if heights else None,
+        "yaw_rate_rmse_rad_s": rms(strides[:, 2:]),
+        "height_rmse_m": rms(np.concatenate(heights)[:, None]) if heights else None,
         "height_std_m": max(deviations, default=None),
     }
 
 
 def _count(walk: _Walk, state: str) -> int:
-    """Count the entries of feet into a contact state, which all points of a sole share."""
-    states = walk.states[:, walk.log.first_points]
-    return int(np.count_nonzero(np.diff((states == CONTACT_STATES.index(state)).astype(np.int8), axis=0) > 0))
+    """Count the entries of feet into a contact state."""
+    return int(np.count_nonzero(np.diff((walk.states == CONTACT_STATES.index(state)).astype(np.int8), axis=0) > 0))
 
 
 def _cost_of_transport(walk: _Walk) -> float | None:
@@ -205,21 +204,22 @@ def _cost_of_transport(walk: _Walk) -> float | None:
 
 
 def _scuff(walk: _Walk) -> float:
-    """Return the largest sum of a foot's displacements in one swing between ticks at which the ground pushes it, m."""
-    sliding = (walk.states == CONTACT_STATES.index("swing")) & walk.log.closed
+    """Return the largest sum of a point's displacements in one swing between ticks at which the ground pushes it, m."""
+    of = walk.log.foot_of
+    sliding = (walk.states == CONTACT_STATES.index("swing"))[:, of] & walk.log.closed
     distance = along_ground(np.diff(walk.log.foot_centres, axis=0), walk.log.contact_normals[1:])
     distance = np.where(sliding[1:] & sliding[:-1], distance, 0.0)
     longest = 0.0
-    for foot in range(distance.shape[1]):
+    for point, foot in enumerate(of.tolist()):
         swing = np.cumsum(np.concatenate(([False], np.diff(walk.stance[:, foot].astype(np.int8)) < 0)))
-        longest = max(longest, float(np.bincount(swing[1:], distance[:, foot]).max(initial=0.0)))
+        longest = max(longest, float(np.bincount(swing[1:], distance[:, point]).max(initial=0.0)))
     return longest
 
 
 def _peak_impact(walk: _Walk) -> float | None:
     """Return the largest normal force of a foot within the duration of an impact after its touchdown, N."""
     peaks = []
-    for foot, forces in enumerate(walk.log.normal_forces.T):
+    for foot, forces in enumerate(walk.log.of_feet(np.add, walk.log.normal_forces).T):
         for tick in np.flatnonzero(np.diff(walk.stance[:, foot].astype(np.int8)) > 0) + 1:
             peaks.append(float(forces[tick : tick + max(1, round(IMPACT_S / walk.dt))].max()))
     return max(peaks, default=None)
@@ -289,6 +289,6 @@ def _ahead(yaw: Array, vectors: Array) -> Array:
     return np.stack(attitude.turn(-yaw, vectors[..., 0], vectors[..., 1]), axis=-1)
 
 
-def _rms(errors: Array) -> float | None:
+def rms(errors: Array) -> float | None:
     """Return the RMS norm of the vectors (n, k)."""
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1)))) if len(errors) else None

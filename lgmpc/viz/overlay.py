@@ -76,10 +76,10 @@ def add_overlay(
     if len(log.mpc_time):
         _add_horizon(scene, log, frames, scale)
     _add_push(scene, log, frames, scale, trunk_half_sides)
-    for foot in range(len(log.contact_frames)):
+    for point, foot in enumerate(log.foot_of.tolist()):
         if not log.stance[:, foot].all():
-            _add_foothold(scene, log, frames, scale, ground, foot)
-            _add_swing(scene, log, frames, scale, foot)
+            _add_foothold(scene, log, frames, scale, ground, point)
+            _add_swing(scene, log, frames, scale, point)
     if log.believed_ground is not None:
         _add_belief(scene, log, log.believed_ground, frames, scale)
     if log.commanded:
@@ -140,13 +140,13 @@ def _add_push(scene: Scene, log: RunLog, frames: Frames, scale: Scale, trunk_hal
     add_arrow(scene, "/overlay/push/force", "push", 2.0, scale, frames.times, tail, force)
 
 
-def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, foot: int) -> None:
-    """Add a disc at the foothold of a foot while it swings."""
-    path = f"/overlay/footholds/{log.contact_frames[foot]}"
+def _add_foothold(scene: Scene, log: RunLog, frames: Frames, scale: Scale, ground: Terrain, point: int) -> None:
+    """Add a disc at the next place of a contact point while its foot swings."""
+    path = f"/overlay/footholds/{log.contact_frames[point]}"
     scene.add_mesh(path, disc(0.16 * scale.length), Material(COLORS["footholds"], 0.8, flat=True))
-    place = log.footholds[frames.ticks, foot]
+    place = log.footholds[frames.ticks, point]
     normals = ground.normal(place[:, :2])
-    shown = log.stance[frames.ticks, foot] == 0
+    shown = log.stance[frames.ticks, log.foot_of[point]] == 0
     scene.animate(path, frames.times, position=place + 0.004 * normals, quaternion=turns_to(normals), visible=shown)
 
 
@@ -162,19 +162,19 @@ def _add_belief(scene: Scene, log: RunLog, believed: Array, frames: Frames, scal
     scene.animate("/overlay/belief/plane", frames.times, position=place, quaternion=turns_to(turns), visible=known)
 
 
-def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, foot: int) -> None:
-    """Add beads along the reference of the current swing, from lift-off to touchdown."""
+def _add_swing(scene: Scene, log: RunLog, frames: Frames, scale: Scale, point: int) -> None:
+    """Add beads along the reference of a contact point's current swing, from lift-off to touchdown."""
     beads = np.zeros((len(frames.ticks), _BEADS, 3))
     shown: BoolArray = np.zeros(len(frames.ticks), dtype=np.bool_)
-    for begin, end in intervals(log.stance[:, foot] == 0):
+    for begin, end in intervals(log.stance[:, log.foot_of[point]] == 0):
         pictures = (frames.ticks >= begin) & (frames.ticks < end)
         along: IntArray = np.round(np.linspace(begin, end - 1, _BEADS)).astype(np.int64)
-        beads[pictures] = log.swing_targets[along, foot]
+        beads[pictures] = log.swing_targets[along, point]
         shown |= pictures
     # Visibility is a step function of time, the rest is interpolated: a bead must not move until it is hidden.
     beads = beads[np.maximum.accumulate(np.where(shown, np.arange(len(shown)), 0))]
     for bead in range(_BEADS):
-        path = f"/overlay/swings/{log.contact_frames[foot]}/{bead}"
+        path = f"/overlay/swings/{log.contact_frames[point]}/{bead}"
         scene.add_mesh(path, sphere(0.032 * scale.length), Material(COLORS["swings"], 0.9, on_top=True))
         scene.animate(path, frames.times, position=beads[:, bead], visible=shown)
 

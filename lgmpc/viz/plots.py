@@ -136,7 +136,7 @@ def _gait(figure: Figure, log: RunLog) -> bool:
     """Draw a bar for each stance of each foot, coloured by its contact state, above the measured contact."""
     if not log.stepped:
         return False
-    figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.contact_frames) * 2)
+    figure.set_size_inches(9.6, 1.6 + 0.62 * len(log.feet) * 2)
     whole, detail = figure.subplots(2, 1)
     for axes in (whole, detail):
         _draw_contact_rows(axes, log)
@@ -184,8 +184,7 @@ def _detail(log: RunLog) -> tuple[float, float]:
 
 def _draw_contact_rows(axes: Axes, log: RunLog) -> None:
     """Draw a row for each foot: bars coloured by its contact state, above the measured contact."""
-    feet = log.contact_frames.tolist()
-    touching = log.closed
+    feet, touching = [*log.feet], log.touching
     for k in range(len(feet)):
         row = len(feet) - 1 - k
         for name, color in _STATE_COLORS.items():

@@ -13,6 +13,7 @@ import pytest
 from lgmpc.errors import InputError, RunFolderError
 from lgmpc.locomotion.contacts import ContactState
 from lgmpc.runs import Gate, RunFolder, RunLog, RunResult, WalkingMetrics, compute_metrics, flat_metrics, judge
+from lgmpc.runs.events import find_events
 from lgmpc.runs.log import CONTACT_STATES, MODES
 from lgmpc.runs.walking import SETTLING_S, body_velocity, stride_mean
 
@@ -98,15 +99,34 @@ def test_a_command_that_is_followed_exactly_has_no_error(walk, yaw_rate) -> None
     assert found.final_foot_error_m == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_corners_of_a_sole_step_together(standing) -> None:
+def on_soles(log: RunLog) -> RunLog:
+    """Its first two contact points become corners of a sole, with flags for each of them as logs once had."""
+    arrays = {name: np.array(array) for name, array in log.arrays().items()}
+    for name in ("stance", "contact_states"):
+        arrays[name][:, 1] = arrays[name][:, 0]
+    return RunLog.from_arrays(arrays | {"contact_frames": np.array(["a/sole/1", "a/sole/2", "b/foot", "b/2"])})
+
+
+def test_flags_are_of_feet_and_forces_of_their_points(standing) -> None:
     log = walking_log(standing)
-    states = np.tile(log.contact_states[:, :1], (1, 4))
-    points = replace(log, contact_states=states)
-    soles = replace(points, contact_frames=np.array(["a/sole/1", "a/sole/2", "b/foot", "b/2"]))
-    assert soles.first_points == [0, 2, 3] and log.first_points == [0, 1, 2, 3]
-    for each, feet in ((points, 4), (soles, 3)):
-        walking = compute_metrics(each).walking
-        assert walking is not None and walking.steps == feet * STEPS
+    soles = on_soles(log)
+    assert soles.feet == {"a/sole": 2, "b/foot": 1, "b": 1} and soles.names_along()["nf"] == ["a/sole", "b/foot", "b"]
+    np.testing.assert_array_equal(soles.stance, log.stance[:, [0, 2, 3]])
+    assert log.of_feet(np.add, log.normal_forces) is log.normal_forces  # of points nothing is combined
+    points, walking = compute_metrics(log).walking, compute_metrics(soles).walking
+    assert points is not None and walking is not None
+    assert points.steps == walking.steps == STEPS
+    assert points.peak_impact_n == pytest.approx(6.0) and walking.peak_impact_n == pytest.approx(12.0)
+
+
+def test_a_sole_has_contact_at_any_corner_and_is_named_in_events(standing) -> None:
+    log = on_soles(walking_log(standing))
+    for corners, found in (([0], []), ([0, 1], ["a/sole (400 ms)"])):
+        forces = log.contact_forces.copy()
+        forces[800:900, corners] = 0.0  # at rest, after the walk
+        events = find_events(replace(log, contact_forces=forces), ())
+        lost = [each.words.partition(": ")[2] for each in events if each.name == "contact lost" and each.start_s > 3.1]
+        assert lost == found
 
 
 def test_sway_within_a_stride_is_in_the_raw_error_alone(walk) -> None:

@@ -3,7 +3,7 @@
 import reprlib
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from lgmpc.errors import InputError
 
@@ -14,7 +14,7 @@ GRAVITY = 9.81
 """Acceleration of gravity on Earth, m/s2."""
 
 
-def numbers(name: str, value: ArrayLike, *shapes: tuple[int, ...], finite: bool = False) -> Array:
+def numbers(name: str, value: object, *shapes: tuple[int, ...], finite: bool = False) -> Array:
     """Return a value as an array of float64.
 
     Args:
@@ -51,18 +51,19 @@ def identifier(name: str, value: object) -> None:
         raise InputError(name, reprlib.repr(value), "letters, digits and underscores, no digit first")
 
 
-def instance(name: str, value: object, kind: type | tuple[type, ...], expected: str) -> None:
+def instance(name: str, value: object, kind: type | tuple[type, ...], expected: str = "") -> None:
     """Raise if an argument is not of the expected type.
 
     Args:
         name: of the argument, in messages.
         value: what the user gave.
         kind: type, or several.
-        expected: description.
+        expected: description; that of one type by its name unless given.
 
     Raises:
         InputError: it is of another type; a bool is no number.
     """
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
         got = value if isinstance(value, str | bool | int | float | None) else type(value).__name__
-        raise InputError(name, value.__name__ if isinstance(value, type) else got, expected)
+        words = expected or f"a {kind.__name__ if isinstance(kind, type) else kind}"
+        raise InputError(name, value.__name__ if isinstance(value, type) else got, words)

@@ -16,7 +16,7 @@ import numpy as np
 
 from lgmpc.actions.base import Action, StageValue
 from lgmpc.errors import InputError
-from lgmpc.typing import Array, IntArray
+from lgmpc.typing import Array, IntArray, numbers
 
 _Shapes = dict[str, tuple[int, int]]
 
@@ -276,10 +276,7 @@ class PythonAction(Action):
         rows = (sizes["limits"],)
         bounds = []
         for name, given in (("lower", limits.lower), ("upper", limits.upper)):
-            bound = np.asarray(given, dtype=np.float64)
-            if bound.shape not in ((), rows):
-                expected = f"a number or shape {rows}"
-                raise InputError(f"{name} of the limits of '{self.name}'", f"shape {bound.shape}", expected)
+            bound = numbers(f"{name} of the limits of '{self.name}'", given, (), rows)
             bounds.append(np.broadcast_to(bound, rows))
         return (
             self._array("step", self.step(x, u, p), (self.state.nx,)),
@@ -305,10 +302,7 @@ class PythonAction(Action):
         return self._array("terminal_residual", self.terminal_residual(x, p), (self._sizes["terminal_residual"],))
 
     def _array(self, name: str, value: Any, shape: tuple[int, ...]) -> Array:
-        array = np.asarray(value, dtype=np.float64)
-        if array.shape != shape:
-            raise InputError(f"{name} of '{self.name}'", f"shape {array.shape}", f"shape {shape}")
-        return array
+        return numbers(f"{name} of '{self.name}'", value, shape)
 
 
 def _differences(function: Any, size: int) -> list[Array]:

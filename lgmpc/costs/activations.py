@@ -48,9 +48,7 @@ class Activation(ABC):
         found = []
         for field in fields(self):
             name = f"{prefix}_{field.name}"
-            values = numbers(name, getattr(self, field.name))
-            if values.shape not in ((), (size,)):
-                raise InputError(name, f"shape {values.shape}", f"a number or shape {(size,)}")
+            values = numbers(name, getattr(self, field.name), (), (size,))
             meaning = f"{field.name} of the {type(self).__name__} activation"
             found.append(Parameter(name, size, meaning, values, self.sign))
         return tuple(found)

@@ -103,9 +103,7 @@ class ParameterLayout(Mapping[str, slice]):
         self.size = start
         self.default: Array = np.zeros(start)
         for parameter in parameters:
-            values = np.asarray(parameter.default, dtype=np.float64)
-            if values.shape not in parameter.shapes:
-                raise InputError(parameter.name, f"a default of shape {values.shape}", f"shape {(parameter.size,)}")
+            values = numbers(f"default of {parameter.name}", parameter.default, *parameter.shapes)
             self.default[self._slices[parameter.name]] = parameter.whole(values)
         self.default.flags.writeable = False
 

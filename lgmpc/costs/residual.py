@@ -19,7 +19,6 @@ As a cost it is ``CostItem("hand", HandHeight(), weight=10.0)``, as a hard const
 called ``hand_height``, ``hand_weight``, ``hand_lower`` and ``hand_upper``, one value a node.
 """
 
-import reprlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -33,7 +32,7 @@ from lgmpc.costs.activations import Activation, Quadratic
 from lgmpc.costs.parameters import Parameter
 from lgmpc.costs.symbols import MissingQuantityError, StageSymbols
 from lgmpc.errors import InputError, LgmpcError
-from lgmpc.typing import identifier
+from lgmpc.typing import identifier, numbers
 
 
 @dataclass(frozen=True)
@@ -167,16 +166,8 @@ class _Item:
         if not isinstance(rows, int | np.integer) or rows < 0:
             raise InputError(f"{type(self.residual).__name__}.nr of '{self.name}'", rows, "its number of entries")
         for field, _ in self.own:
-            try:
-                values = np.asarray(getattr(self, field), dtype=np.float64)
-            except (TypeError, ValueError):
-                raise InputError(f"{field} of '{self.name}'", reprlib.repr(getattr(self, field)), "numbers") from None
-            if np.isnan(values).any():
+            if np.isnan(numbers(f"{field} of '{self.name}'", getattr(self, field), (), (int(rows),))).any():
                 raise InputError(f"{field} of '{self.name}'", "NaN", "numbers")
-            shape = values.shape
-            if shape not in ((), (rows,)):
-                expected = "a number" if rows == 1 else f"a number or shape {(rows,)}"
-                raise InputError(f"{field} of '{self.name}'", f"shape {shape}", expected)
         for parameter in self.parameters():
             parameter.check_sign(np.asarray(parameter.default, dtype=np.float64))
 

@@ -5,22 +5,7 @@ import math
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie import checks
 from lgmpc.typing import Array
-
-_THREE = checks.tangent(3)
-
-
-def three(name: str, value: object) -> Array:
-    """Return one 3-vector of finite numbers.
-
-    Raises:
-        InputError: wrong shape, not finite, or not positive.
-    """
-    vector = _THREE(name, value)
-    if vector.ndim != 1:
-        raise InputError(name, f"shape {vector.shape}", "shape (3,)")
-    return vector
 
 
 def duration_of(name: str, value: object) -> float:
@@ -60,16 +45,6 @@ def whole(name: str, value: object, expected: str, least: int = 0, below: float 
     if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and least <= value < below:
         return int(value)
     raise InputError(name, value, expected)
-
-
-def instance(name: str, value: object, kind: type) -> None:
-    """Check the type of an argument.
-
-    Raises:
-        InputError: another type.
-    """
-    if not isinstance(value, kind):
-        raise InputError(name, type(value).__name__, f"a {kind.__name__}")
 
 
 def index_of(name: str, index: int, count: int) -> None:

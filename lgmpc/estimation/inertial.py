@@ -15,11 +15,11 @@ import math
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, number, three, whole
+from lgmpc.estimation.checks import duration_of, number, whole
 from lgmpc.lie import checks, coefficients, so3
 from lgmpc.lie.coefficients import b_c
 from lgmpc.settings import Noise, Settings, key
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 
 class ImuNoise(Settings):
@@ -66,7 +66,7 @@ def gravity_increment(gravity: Array, duration: float, columns: int = 2) -> Arra
         InputError: gravity is no finite 3-vector, or fewer than 2 columns.
     """
     whole("columns", columns, "at least 2: velocity and position", 2)
-    gravity, duration = three("gravity", gravity), _time("duration", duration)
+    gravity, duration = numbers("gravity", gravity, (3,), finite=True), _time("duration", duration)
     result = np.eye(3 + columns)
     result[:3, 3] = duration * gravity
     result[:3, 4] = 0.5 * duration**2 * gravity
@@ -87,8 +87,8 @@ def exponential_increment(gyro: Array, accelerometer: Array, duration: float) ->
     Raises:
         InputError: an argument that is no finite 3-vector, or a duration that is not positive.
     """
-    force, dt = three("accelerometer", accelerometer), duration_of("duration", duration)
-    phi = dt * three("gyro", gyro)
+    force, dt = numbers("accelerometer", accelerometer, (3,), finite=True), duration_of("duration", duration)
+    phi = dt * numbers("gyro", gyro, (3,), finite=True)
     angle = math.sqrt(phi @ phi)
     b, c = b_c(angle)
     turn = so3.hat.unchecked(phi)
@@ -133,7 +133,7 @@ def error_dynamics(gravity: Array, columns: int = 2) -> Array:
     """
     whole("columns", columns, "at least 2: velocity and position", 2)
     result = np.zeros((3 + 3 * columns, 3 + 3 * columns))
-    result[3:6, :3] = so3.hat(three("gravity", gravity))
+    result[3:6, :3] = so3.hat(numbers("gravity", gravity, (3,), finite=True))
     result[6:9, 3:6] = np.eye(3)
     return result
 

@@ -10,10 +10,10 @@ from pydantic import Field
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import RobotState
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, instance, number
+from lgmpc.estimation.checks import duration_of, number
 from lgmpc.robot import Robot
 from lgmpc.settings import Fraction, Positive, Settings, key
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array, BoolArray, instance
 
 _MOVING = 1.0  # rad/s: from here on the smoothed sign of a speed is one, and noise does not change it
 _FAST = 5.0  # rad/s: slower motion counts less, because friction needs some way after a reversal to develop

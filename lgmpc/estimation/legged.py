@@ -15,7 +15,7 @@ from pydantic import Field
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, instance
+from lgmpc.estimation.checks import duration_of
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing, normalised_square
@@ -25,7 +25,7 @@ from lgmpc.robot import Robot
 from lgmpc.robot.feet import UP
 from lgmpc.robot.scaling import normal_force_range
 from lgmpc.settings import Noise, NonNegative, Positive, RangeFromZero, key
-from lgmpc.typing import Array, BoolArray, IntArray
+from lgmpc.typing import Array, BoolArray, IntArray, instance
 
 _LOG = logging.getLogger(__name__)
 

@@ -7,11 +7,11 @@ import pinocchio as pin
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, instance, number, whole
+from lgmpc.estimation.checks import duration_of, number, whole
 from lgmpc.robot import Robot, leg_joints
 from lgmpc.robot.feet import UP
 from lgmpc.robot.friction import joint_friction_torque
-from lgmpc.typing import Array, BoolArray
+from lgmpc.typing import Array, BoolArray, instance
 
 _DAMPING = 1e-5
 """Regularisation, m2: torques of a stretched leg do not depend on the force along it, whose estimate tends to zero."""

@@ -8,10 +8,10 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.control.interface import RobotState
-from lgmpc.estimation.checks import duration_of, instance
+from lgmpc.estimation.checks import duration_of
 from lgmpc.robot import Robot
 from lgmpc.settings import Settings, key
-from lgmpc.typing import Array
+from lgmpc.typing import Array, instance
 
 _SAME_TIME = 1e-9  # s
 Delay = Annotated[float, Field(strict=True, ge=0.0, le=0.1, allow_inf_nan=False)]

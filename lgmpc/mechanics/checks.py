@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 _TOLERANCE = 1e-9
 
@@ -29,9 +29,7 @@ def check_inertia(name: str, value: object) -> Array:
         InputError: wrong shape, not finite, not symmetric, not positive definite, or a principal moment above the sum
             of the other two, which no mass distribution has.
     """
-    array = checks.finite(name, value)
-    if array.shape != (3, 3):
-        raise InputError(name, f"shape {array.shape}", "shape (3, 3)")
+    array = numbers(name, value, (3, 3), finite=True)
     skew = float(np.abs(array - array.T).max())
     if skew > _TOLERANCE * float(np.abs(array).max()):
         raise InputError(name, f"a matrix A with |A - A^T| = {skew:.3g}", "a symmetric matrix")

@@ -31,7 +31,7 @@ from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.groups import LieGroup, spatial_momentum
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 _INPUTS = ["time", "pose", "velocity", "advected", "parameters"]
 
@@ -316,9 +316,7 @@ class EulerPoincare:
         g = self.group.check_element("pose", pose)
         xi = self.group.check_tangent("velocity", velocity)
         expected = 0 if self.advected is None else self.advected.size
-        a = np.zeros(0) if advected is None else checks.finite("advected", advected)
-        if a.shape != (expected,):
-            raise InputError("advected", f"shape {a.shape}", f"shape {(expected,)}")
+        a = numbers("advected", np.zeros(0) if advected is None else advected, (expected,), finite=True)
         self._check_mass(g, xi, a)
         start = np.concatenate((g.ravel(order="F"), xi, a))
         if method not in self._kernels:

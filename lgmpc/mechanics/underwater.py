@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from lgmpc.errors import InputError
-from lgmpc.lie import checks
 from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_positive, frozen
 from lgmpc.mechanics.euler_poincare import EulerPoincare, Expression, Symbols
@@ -155,9 +154,5 @@ def spheroid_added_mass(length: float, diameter: float, density: float = 1000.0)
 
 
 def _square(name: str, value: ArrayLike) -> Array:
-    array = checks.finite(name, value)
-    if array.shape == (6,):
-        return np.diag(array)
-    if array.shape != (6, 6):
-        raise InputError(name, f"shape {array.shape}", "shape (6, 6), or (6,) for a diagonal")
-    return array
+    array = numbers(name, value, (6, 6), (6,), finite=True)
+    return np.diag(array) if array.ndim == 1 else array

@@ -11,7 +11,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
 from lgmpc.locomotion.sequence import GaitSequence
 from lgmpc.robot.feet import UP
-from lgmpc.typing import Array
+from lgmpc.typing import Array, numbers
 
 
 class BaseMotion(Protocol):
@@ -204,9 +204,8 @@ class Footsteps:
         Raises:
             InputError: a foot that is in the air at the gait's beginning or end, or positions of another shape.
         """
-        places, base = np.array(start, dtype=np.float64), np.asarray(origin, dtype=np.float64)
-        if places.shape != (len(gait.feet), 3) or not np.isfinite(places).all():
-            raise InputError("start", f"shape {places.shape}", f"finite places of shape {(len(gait.feet), 3)}")
+        places = numbers("start", start, (len(gait.feet), 3), finite=True).copy()
+        base = np.asarray(origin, dtype=np.float64)
         return cls(
             places,
             tuple(_swings(gait, motion, foot, place, base) for foot, place in zip(gait.feet, places, strict=True)),
@@ -236,9 +235,7 @@ def _swings(gait: GaitSequence, motion: BaseMotion, foot: str, start: Array, bas
 
 
 def _finite(name: str, values: ArrayLike, size: int) -> Array:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InputError(name, array.tolist(), f"{size} finite numbers")
+    array = numbers(name, values, (size,), finite=True).copy()
     array.flags.writeable = False
     return array
 

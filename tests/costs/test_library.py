@@ -297,7 +297,7 @@ def test_bad_input_is_named() -> None:
             build(surface)
     with pytest.raises(InputError, match="Did you mean FL_FOOT"):
         build(ContactForce("FL_FOT"))
-    with pytest.raises(InputError, match="reference: got a default of shape"):
+    with pytest.raises(InputError, match="default of reference: got shape"):
         ParameterLayout(*CoMPosition([1.0, 2.0]).parameters)
 
 

@@ -11,12 +11,12 @@ from scipy import special
 
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of, index_of, instance, number, read_only, three, whole, write
+from lgmpc.estimation.checks import duration_of, index_of, number, read_only, whole, write
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import programme
 from lgmpc.estimation.invariant_ekf.forms import RIGHT, ErrorForm
 from lgmpc.lie import checks
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, instance, numbers
 
 _BASE_SIZES = {"pose": 12, "velocity": 3}
 
@@ -100,9 +100,9 @@ class InvariantEkf:
         self._used = np.zeros(contacts, dtype=np.bool_)
         self._one_point, self._one_noise = np.zeros(3), np.zeros((3, 3))
         self._height, self._given, self._square = np.zeros(2), np.zeros(15), np.zeros(1)
-        offset = three("contact_offset", contact_offset)
+        offset = numbers("contact_offset", contact_offset, (3,), finite=True)
         densities = (*noise.densities, slip)
-        gravity = three("gravity", gravity)
+        gravity = numbers("gravity", gravity, (3,), finite=True)
         self._up = -gravity / max(float(np.linalg.norm(gravity)), sys.float_info.min)
         self._parameters = np.concatenate([[0.0], gravity, offset, np.square(densities)])
         self.contact_offset: Array = self._parameters[4:7]
@@ -179,10 +179,10 @@ class InvariantEkf:
         deviations = checks.finite("deviations", deviations)
         if deviations.shape != (15,) or (deviations < 0.0).any():
             raise InputError("deviations", deviations, "15 numbers that are not negative")
-        biases = three("gyro_bias", gyro_bias), three("accelerometer_bias", accelerometer_bias)
         self._pose[:] = np.eye(len(self._pose))
         self._pose[:5, :5] = pose
-        self._bias[:] = np.concatenate(biases)
+        self._bias[:3] = numbers("gyro_bias", gyro_bias, (3,), finite=True)
+        self._bias[3:6] = numbers("accelerometer_bias", accelerometer_bias, (3,), finite=True)
         change = np.array(ca.DM(self.form.from_differences(ca.DM(pose))))
         self._covariance[:] = 0.0
         self._covariance[:9, :9] = (change * deviations[:9] ** 2) @ change.T
@@ -327,11 +327,9 @@ class InvariantEkf:
         Raises:
             InputError: no pose of this size, or no six numbers.
         """
-        pose, biases = checks.extended_pose("pose", pose), checks.finite("biases", biases)
+        pose, biases = checks.extended_pose("pose", pose), numbers("biases", biases, (6,), finite=True)
         if pose.shape != self.pose.shape:
             raise InputError("pose", f"shape {pose.shape}", f"shape {self.pose.shape}")
-        if biases.shape != (6,):
-            raise InputError("biases", f"shape {biases.shape}", "shape (6,)")
         truth = pose.copy()
         truth[:3, 5:] *= self._used
         error = np.array(ca.DM(self.form.error(ca.DM(self.pose), ca.DM(truth)))).ravel()

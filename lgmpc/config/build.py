@@ -26,12 +26,12 @@ from lgmpc.locomotion.settings import gaits_of
 from lgmpc.mpc import Mpc, make_mpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Recorder
+from lgmpc.simulation import Plant, make_plant
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, Drives, Spent, StateLink
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Hardware, Sensing, TrueState, control_ticks
 from lgmpc.simulation.parameters import real_effort_limit
-from lgmpc.simulation.plant import Plant, make_plant
 from lgmpc.simulation.sensors import DepthScan, Sensors
 from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array

@@ -30,11 +30,12 @@ from lgmpc.mpc.process import ProcessMpc
 from lgmpc.robot import Robot
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, Verdict, atomic_write
 from lgmpc.runs.folder import DEPLOYMENT_FILE
+from lgmpc.simulation import make_plant
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.drives import Computing, Spent, TimingSettings
 from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Disturbance, Hardware, Tick, control_ticks
-from lgmpc.simulation.plant import PlantSample, make_plant
+from lgmpc.simulation.plant import PlantSample
 from lgmpc.timegrid import TimeGrid
 from lgmpc.world import make_world
 

@@ -11,7 +11,8 @@ from lgmpc.config.execution import FinishedRun
 from lgmpc.config.schema import Config
 from lgmpc.hardware.deployment import Deployment, Driver
 from lgmpc.hardware.safety import Operator
-from lgmpc.live.session import PICTURE_S, PageCommands, Shown
+from lgmpc.live.ring import PICTURE_S
+from lgmpc.live.session import PageCommands, Shown
 from lgmpc.live.viewing import Link
 from lgmpc.live.wishes import Note, Order
 from lgmpc.locomotion.command import CommandEntry

@@ -7,8 +7,7 @@ import numpy as np
 
 from lgmpc.config.build import build_recorder
 from lgmpc.config.schema import GroundTruth
-from lgmpc.live.ring import RingReader
-from lgmpc.live.session import EXTRAS, PICTURE_S
+from lgmpc.live.ring import EXTRAS, PICTURE_S, RingReader
 from lgmpc.live.wishes import Started
 from lgmpc.robot import Robot
 from lgmpc.runs import RunLog
@@ -72,7 +71,7 @@ class History:
         return self._recorder.log()
 
     def extras(self, at: int) -> Array:
-        """Return the numbers of a picture that are in no log; see :data:`~lgmpc.live.session.EXTRAS`."""
+        """Return the numbers of a picture that are in no log; see :data:`~lgmpc.live.ring.EXTRAS`."""
         return self.rows[at][-EXTRAS:]
 
     def close(self) -> None:

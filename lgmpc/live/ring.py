@@ -12,6 +12,11 @@ import numpy as np
 
 from lgmpc.typing import Array
 
+PICTURE_S = 1.0 / 60.0
+"""Least time between two pictures, s."""
+EXTRAS = 8
+"""Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
+number of the gait, and the ground as the controller believes it to be: slope (2) and a point (3)."""
 _SLOTS = 64
 
 

@@ -23,7 +23,7 @@ from lgmpc.config.schema import Change, Config
 from lgmpc.config.session import ProgressReport, Session, StopSignals, ignore, stop_signals
 from lgmpc.control.legged import LeggedController
 from lgmpc.errors import InputError, LgmpcError
-from lgmpc.live.ring import RingWriter
+from lgmpc.live.ring import EXTRAS, PICTURE_S, RingWriter
 from lgmpc.live.tuning import Tuner
 from lgmpc.live.viewing import Link
 from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Started, Tune
@@ -34,8 +34,6 @@ from lgmpc.simulation.loop import Tick
 from lgmpc.typing import GRAVITY, Array
 from lgmpc.world.settings import named_world
 
-PICTURE_S = 1.0 / 60.0
-"""Least time between two pictures, s."""
 _WISHES_S = 5e-3
 """Time between two looks for wishes, s."""
 _AHEAD_S = 2e-3
@@ -48,11 +46,6 @@ _SAME_CHANGE_S = 0.5
 """Values of one setting within this time, s, are one change in the saved config: each is a controller of its own."""
 _MODES: dict[OrderName, ModeRequest] = {"stop": "damp", "disarm": "damp", "arm": "stand", "lie": "lie"}
 """Of a simulated robot, by what is ordered."""
-
-
-EXTRAS = 8
-"""Numbers of a picture besides the rows of the recorder: simulated over elapsed time, whether time stands still, the
-number of the gait, and the ground as the controller believes it to be: slope (2) and a point (3)."""
 
 
 class PageCommands:

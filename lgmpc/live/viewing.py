@@ -160,7 +160,7 @@ def _serve(server: "viser.ViserServer", pipe: Connection) -> None:
     """
     from lgmpc.live.history import History
     from lgmpc.live.page import Page
-    from lgmpc.live.session import PICTURE_S
+    from lgmpc.live.ring import PICTURE_S
     from lgmpc.live.wishes import Note, Started, Tune
 
     page, history = None, None

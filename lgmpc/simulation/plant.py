@@ -8,9 +8,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError, SolverError
 from lgmpc.robot import Robot
-from lgmpc.simulation.parameters import PlantSettings
 from lgmpc.typing import Array
-from lgmpc.world import World
 
 _LARGEST_SPEED = 1e6  # m/s, rad/s
 
@@ -65,17 +63,6 @@ class Plant(Protocol):
 
     def body_point(self, body: str) -> Array:
         """Return the (3,) world position of the centre of mass of ``body``."""
-
-
-def make_plant(robot: Robot, settings: PlantSettings, world: "World | None" = None) -> Plant:
-    """Return the plant of ``settings`` in a world, a level floor unless given; only its engine is imported."""
-    if settings.kind == "pinocchio":
-        from lgmpc.simulation.pinocchio import PinocchioPlant
-
-        return PinocchioPlant(robot, settings, world)
-    from lgmpc.simulation.mujoco import MujocoPlant
-
-    return MujocoPlant(robot, settings, world)
 
 
 def _vector(name: str, value: Array, size: int) -> Array:

@@ -23,8 +23,8 @@ from lgmpc.config.build import prepare
 from lgmpc.config.session import stop_signals
 from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.live.pad import Axes, Pad
-from lgmpc.live.ring import RingReader
-from lgmpc.live.session import EXTRAS, LiveRun, Pulls
+from lgmpc.live.ring import EXTRAS, RingReader
+from lgmpc.live.session import LiveRun, Pulls
 from lgmpc.live.tuning import Tuner
 from lgmpc.live.viewing import Link, Viewing, _serve
 from lgmpc.live.wishes import Note, Pace, Pull, Restart, Save, Started, Tune

@@ -6,8 +6,8 @@ import pytest
 
 from lgmpc.errors import InputError, ModelError
 from lgmpc.robot import RobotSpec, load_robot
+from lgmpc.simulation import make_plant
 from lgmpc.simulation.parameters import PlantSettings, simulated_model
-from lgmpc.simulation.plant import make_plant
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,7 @@ class RobotEnd(NamedTuple):
 
             return lambda robot: (UnitreeRobot if robots else UnitreeDriver)(robot.joint_names, interface)
         from lgmpc.hardware import UdpDriver, UdpRobot
-        from lgmpc.hardware.secret import read_secret
+        from lgmpc.hardware.packets import read_secret
 
         secret, at = read_secret(self.secret), self.address or ("127.0.0.1", 47800)
 

@@ -14,8 +14,16 @@ import numpy as np
 
 from lgmpc.control.interface import Command, Measurement
 from lgmpc.errors import InputError
-from lgmpc.hardware.packets import ANOTHER_ROBOT, ANOTHER_SECRET, NONCE, OCCUPIED, VERSION, Layout
-from lgmpc.hardware.secret import read_secret, warn_of_network
+from lgmpc.hardware.packets import (
+    ANOTHER_ROBOT,
+    ANOTHER_SECRET,
+    NONCE,
+    OCCUPIED,
+    VERSION,
+    Layout,
+    read_secret,
+    warn_of_network,
+)
 
 _LOG = logging.getLogger(__name__)
 LOCALHOST = "127.0.0.1"
@@ -52,7 +60,7 @@ class UdpDriver:
     Args:
         address: host and port of the robot.
         nu: number of joints.
-        secret: shared with the robot; :func:`lgmpc.hardware.secret.read_secret` unless given.
+        secret: shared with the robot; :func:`lgmpc.hardware.packets.read_secret` unless given.
         robot: for which robot, see :class:`lgmpc.hardware.packets.Layout`.
 
     Attributes:
@@ -151,7 +159,7 @@ class UdpRobot:
         nu: number of joints.
         host: address to listen at.
         port: port to listen at; 0 takes any free one.
-        secret: shared with the controllers; :func:`lgmpc.hardware.secret.read_secret` unless given.
+        secret: shared with the controllers; :func:`lgmpc.hardware.packets.read_secret` unless given.
         robot: which robot it is, see :class:`lgmpc.hardware.packets.Layout`.
 
     Attributes:

@@ -26,7 +26,6 @@ between two feet where it should be: a trot, with two lines in turn, then contro
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from pydantic import Field
@@ -35,10 +34,10 @@ from lgmpc.lie import attitude
 from lgmpc.locomotion.clock import GaitClock
 from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.settings import Fraction, NonNegative, Settings, key
 from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import GRAVITY, Array, BoolArray
-from lgmpc.world import Plane
 
 _REACH_SHARES = 0.92, 0.98
 _ROUNDING = 1e-9  # m
@@ -127,20 +126,13 @@ class BaseMotion:
         return replace(self, x=x, y=y, error_x=0.0, error_y=0.0, vx=vx, vy=vy)
 
 
-class Ground(Protocol):
-    """Heights of the ground, as a planner of footholds reads them."""
-
-    def height_at(self, x: float, y: float) -> float:
-        """Return the height of the ground at a point of the horizontal plane, m."""
-
-
 class FootholdPlanner:
     """Heuristic footholds of every foot, for the present swing and those after it.
 
     Args:
         legs: legs of the robot.
         settings: see :class:`FootholdSettings`.
-        ground: heights of the ground; level at 0 if omitted.
+        ground: belief of the ground; level at 0 if omitted.
 
     Attributes:
         legs: as given.
@@ -156,11 +148,11 @@ class FootholdPlanner:
     """
 
     def __init__(
-        self, legs: LegGeometry, settings: FootholdSettings | None = None, ground: Ground | None = None
+        self, legs: LegGeometry, settings: FootholdSettings | None = None, ground: TerrainBelief | None = None
     ) -> None:
         self.legs = legs
         self.settings = s = FootholdSettings() if settings is None else settings
-        self.ground: Ground = Plane() if ground is None else ground
+        self.ground = TerrainBelief(len(legs.feet), legs.height) if ground is None else ground
         self.height = legs.height
         self._rate = math.sqrt(GRAVITY / legs.height)
         self._rolling = legs.radius / legs.height
@@ -253,7 +245,7 @@ class FootholdPlanner:
             self._gain = s.feedback / (rate * math.sinh(rate * stance)) if rate * stance < 50.0 else 0.0
         neutral, gain = self._neutral, self._gain
         # The plan holds the velocity over treads: half of the way of a stance is ahead of its middle.
-        steady = half > 0.0 and getattr(self.ground, "upright", False)
+        steady = half > 0.0 and self.ground.upright
         rolled = neutral - half if steady else self._rolling * neutral
         outward = s.centrifugal * omega / (rate * rate)
         ahead, left = self.feet[foot]

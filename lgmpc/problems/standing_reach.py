@@ -23,6 +23,7 @@ from lgmpc.problems.reach import TargetSettings, clearance_items
 from lgmpc.problems.scenario import Scenario
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, key, problem
+from lgmpc.support import support_margin
 from lgmpc.typing import Array
 
 _MARGIN = 0.02
@@ -119,6 +120,10 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
     def wrenches(trajectory: Trajectory) -> Array:
         return motion.reactions(robot, trajectory, durations, flags, 6).wrenches
 
+    def least_margin(points: Array) -> float:
+        hulls = np.broadcast_to(corners[:, :2], (len(points), len(corners), 2))
+        return float(support_margin(hulls, np.ones(hulls.shape[:2], dtype=np.bool_), points).min())
+
     def figures(trajectory: Trajectory) -> dict[str, float]:
         xs = trajectory.xs
         feet = [motion.frame_placements(robot, frame, xs) for frame in robot.contact_frames]
@@ -132,8 +137,8 @@ def build_standing_reach(robot: Robot, settings: StandingReachSettings) -> Scena
             **s.figures(robot, xs),
             "final_speed_m_s": motion.com_speed(robot, xs[-1]),
             "final_joint_velocity_rad_s": float(np.abs(xs[-1, robot.nq :][robot.joint_v]).max()),
-            "com_margin_m": margin_inside(corners, motion.com_positions(robot, xs)),
-            "zmp_margin_m": margin_inside(corners, np.array([center_of_pressure(f) for f in total])),
+            "com_margin_m": least_margin(motion.com_positions(robot, xs)[:, :2]),
+            "zmp_margin_m": least_margin(np.array([center_of_pressure(f) for f in total])),
             "cop_margin_m": float((np.array(s.sole_half_size_m) - np.abs(pressure)).min()),
             "friction_ratio": float(motion.friction_use(forces[..., :3].reshape(-1, 3), s.friction).max()),
             "slip_m": float(max(np.linalg.norm(move.translation) for move in moved)),
@@ -237,14 +242,3 @@ def in_axes_of(soles: Sequence[pin.SE3], wrenches: Array) -> Array:
     back = np.array([sole.rotation.T for sole in soles])
     turned = [np.einsum("cij,kcj->kci", back, part) for part in (wrenches[..., :3], wrenches[..., 3:])]
     return np.concatenate(turned, axis=2)
-
-
-def margin_inside(corners: Array, points: Array) -> float:
-    """Return the smallest distance of points (n, >= 2) to the edge of the corners' (m, >= 2) convex hull in z = 0, m.
-
-    Negative if a point is outside.
-    """
-    from scipy.spatial import ConvexHull  # here, because only problems with soles use it
-
-    edges = ConvexHull(corners[:, :2]).equations
-    return float(-(points[:, :2] @ edges[:, :2].T + edges[:, 2]).max())

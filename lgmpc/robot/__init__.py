@@ -4,6 +4,7 @@ from lgmpc.robot.collision import (
     Box as Box,
     Capsule as Capsule,
     CollisionShape as CollisionShape,
+    ModelSource as ModelSource,
     Sphere as Sphere,
     place_shape as place_shape,
     shape_of as shape_of,
@@ -16,7 +17,7 @@ from lgmpc.robot.legs import (
     upper_body_joints as upper_body_joints,
 )
 from lgmpc.robot.loading import load_robot as load_robot
-from lgmpc.robot.model import ModelSource as ModelSource, Robot as Robot
+from lgmpc.robot.model import Robot as Robot
 from lgmpc.robot.soles import Foot as Foot, FootPoints as FootPoints, FootSpec as FootSpec
 from lgmpc.robot.sources import available_models as available_models
 from lgmpc.robot.spec import RobotSpec as RobotSpec

@@ -1,25 +1,36 @@
 """Collision shapes of a robot, besides its feet: spheres, boxes and capsules fixed to its links."""
 
 import fnmatch
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, Union
+from pathlib import Path
+from typing import Annotated, Literal, Union
 
 import coal
 import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from lgmpc.errors import InputError, ModelError, nearest
+from lgmpc.errors import InputError, nearest
 from lgmpc.robot.names import frame_index
-from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Positive, Settings, Vector3, key
-
-if TYPE_CHECKING:
-    from lgmpc.robot.model import ModelSource, Robot
 
 Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
 """m."""
+
+
+@dataclass(frozen=True)
+class ModelSource:
+    """The files of a model, for reading its meshes.
+
+    Attributes:
+        urdf: the URDF file.
+        srdf: the SRDF file, if there is one.
+        package_dirs: folders in which ``package://`` paths are resolved.
+    """
+
+    urdf: Path
+    srdf: Path | None = None
+    package_dirs: tuple[Path, ...] = ()
 
 
 class _Shape(Settings):
@@ -90,35 +101,13 @@ class CollisionShape:
 
 def check_shapes(model: pin.Model, shapes: tuple[Sphere | Box | Capsule, ...] | None) -> list[str]:
     """Return a problem for each shape on a link that the model lacks."""
-    links = [frame.name for frame in model.frames if _is_moving_link(frame)]
+    links = [frame.name for frame in model.frames if is_moving_link(frame)]
     return [
         f"collision_shapes.{i}.link: '{shape.link}' matches no moving link; there are "
         f"{', '.join(nearest(shape.link, links) or tuple(links))}"
         for i, shape in enumerate(shapes or ())
         if not fnmatch.filter(links, shape.link)
     ]
-
-
-def shapes_of(robot: "Robot") -> tuple[CollisionShape, ...]:
-    """Return the robot's given shapes or, if there are none, those of its URDF's collision geometry.
-
-    Cylinders of the URDF become capsules of the same length if they are longer than wide, spheres stay spheres, and all
-    else is enclosed in boxes. Bodies with a contact frame have none: their contact points represent them.
-
-    Raises:
-        ModelError: a mesh of the collision geometry cannot be read, or a radius is below 0.1 mm or above 100 m.
-    """
-    if robot.given_shapes is None:
-        return tuple(_shapes_of_urdf(robot))
-    found = []
-    for i, shape in enumerate(robot.given_shapes):
-        local = _local(shape)
-        found += [
-            CollisionShape(f"{shape.kind} {i} {frame.name}", int(frame.parentJoint), frame.placement * local, shape)
-            for frame in robot.model.frames
-            if _is_moving_link(frame) and fnmatch.fnmatchcase(frame.name, shape.link)
-        ]
-    return tuple(found)
 
 
 def place_shape(model: pin.Model, shape: Sphere | Box | Capsule) -> CollisionShape:
@@ -133,14 +122,14 @@ def place_shape(model: pin.Model, shape: Sphere | Box | Capsule) -> CollisionSha
         raise InputError("model", type(model).__name__, "a pin.Model")
     frame = model.frames[frame_index(model, shape.link)]
     return CollisionShape(
-        f"{shape.kind} on {shape.link}", int(frame.parentJoint), frame.placement * _local(shape), shape
+        f"{shape.kind} on {shape.link}", int(frame.parentJoint), frame.placement * placement_of(shape), shape
     )
 
 
 _MESHES = coal.CachedMeshLoader(coal.NODE_TYPE.BV_OBBRSS)  # reads a file again only after it was changed
 
 
-def read_collision_geometry(model: pin.Model, source: "ModelSource") -> pin.GeometryModel:
+def read_collision_geometry(model: pin.Model, source: ModelSource) -> pin.GeometryModel:
     """Return the collision geometry of a URDF; its meshes are read once a process.
 
     Raises:
@@ -162,31 +151,15 @@ def shape_of(part: pin.GeometryObject) -> CollisionShape:
     )
 
 
-def _local(shape: Sphere | Box | Capsule) -> pin.SE3:
+def placement_of(shape: Sphere | Box | Capsule) -> pin.SE3:
+    """Return the placement of a shape in its link's frame."""
     turn = np.eye(3) if isinstance(shape, Sphere) else pin.rpy.rpyToMatrix(*np.radians(shape.rpy_deg))
     return pin.SE3(turn, np.array(shape.center_m))
 
 
-def _is_moving_link(frame: pin.Frame) -> bool:
+def is_moving_link(frame: pin.Frame) -> bool:
+    """Return whether a frame is a link that a joint moves."""
     return bool(frame.type == pin.FrameType.BODY and frame.parentJoint > 0)
-
-
-def _shapes_of_urdf(robot: "Robot") -> Iterator[CollisionShape]:
-    feet = {int(robot.model.frames[index].parentJoint) for index in robot.contact_ids}
-    try:
-        with native_stderr():  # the parser's messages are notes of the robot
-            geometry = read_collision_geometry(robot.model, robot.source)
-    except ValueError as error:
-        reason = f"its collision geometry cannot be read ({' '.join(str(error).split())}): give collision_shapes"
-        raise ModelError(robot.name, [reason]) from error
-    for part in geometry.geometryObjects:
-        if part.parentJoint > 0 and part.parentJoint not in feet:
-            try:
-                shape = shape_of(part)
-            except InputError as error:
-                reason = f"its collision geometry '{part.name}': {error}: give collision_shapes"
-                raise ModelError(robot.name, [reason]) from error
-            yield shape
 
 
 def _enclosed(geometry: coal.CollisionGeometry) -> tuple[np.ndarray, Sphere | Box | Capsule]:

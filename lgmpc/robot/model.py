@@ -1,18 +1,31 @@
 """Robots: a ``pin.Model`` with contact frames, actuator limits and a reference posture."""
 
+import fnmatch
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
-from lgmpc.errors import InputError
-from lgmpc.robot.collision import Box, Capsule, CollisionShape, Sphere, shapes_of
+from lgmpc.errors import InputError, ModelError
+from lgmpc.robot.collision import (
+    Box,
+    Capsule,
+    CollisionShape,
+    ModelSource,
+    Sphere,
+    is_moving_link,
+    placement_of,
+    read_collision_geometry,
+    shape_of,
+)
 from lgmpc.robot.feet import UP
 from lgmpc.robot.names import degree_names, frame_index, is_floating
-from lgmpc.robot.soles import Foot, FootPoints, support_share
+from lgmpc.robot.native_stderr import native_stderr
+from lgmpc.robot.soles import Foot, FootPoints
+from lgmpc.support import support_margin
 from lgmpc.typing import Array
 
 if TYPE_CHECKING:
@@ -21,21 +34,6 @@ if TYPE_CHECKING:
 _SHORT_SUPPORT = 0.25
 """Distance of the centre of mass from the edge of the support, as a share of its height: 0.5 of quadrupeds, 0.1 of
 humanoids."""
-
-
-@dataclass(frozen=True)
-class ModelSource:
-    """The files of a model, for reading its meshes.
-
-    Attributes:
-        urdf: the URDF file.
-        srdf: the SRDF file, if there is one.
-        package_dirs: folders in which ``package://`` paths are resolved.
-    """
-
-    urdf: Path
-    srdf: Path | None = None
-    package_dirs: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,10 +113,40 @@ class Robot:
     def collision_shapes(self) -> tuple[CollisionShape, ...]:
         """The collision shapes besides the feet; read from the URDF's collision geometry unless given.
 
+        Cylinders of the URDF become capsules of the same length if they are longer than wide, spheres stay spheres, and
+        all else is enclosed in boxes. Bodies with a contact frame have none: their contact points represent them.
+
         Raises:
-            ModelError: a mesh of the collision geometry cannot be read.
+            ModelError: a mesh of the collision geometry cannot be read, or a radius is below 0.1 mm or above 100 m.
         """
-        return shapes_of(self)
+        if self.given_shapes is None:
+            return tuple(self._urdf_shapes())
+        found = []
+        for i, shape in enumerate(self.given_shapes):
+            local = placement_of(shape)
+            found += [
+                CollisionShape(f"{shape.kind} {i} {frame.name}", int(frame.parentJoint), frame.placement * local, shape)
+                for frame in self.model.frames
+                if is_moving_link(frame) and fnmatch.fnmatchcase(frame.name, shape.link)
+            ]
+        return tuple(found)
+
+    def _urdf_shapes(self) -> Iterator[CollisionShape]:
+        feet = {int(self.model.frames[index].parentJoint) for index in self.contact_ids}
+        try:
+            with native_stderr():  # the parser's messages are notes of the robot
+                geometry = read_collision_geometry(self.model, self.source)
+        except ValueError as error:
+            reason = f"its collision geometry cannot be read ({' '.join(str(error).split())}): give collision_shapes"
+            raise ModelError(self.name, [reason]) from error
+        for part in geometry.geometryObjects:
+            if part.parentJoint > 0 and part.parentJoint not in feet:
+                try:
+                    shape = shape_of(part)
+                except InputError as error:
+                    reason = f"its collision geometry '{part.name}': {error}: give collision_shapes"
+                    raise ModelError(self.name, [reason]) from error
+                yield shape
 
     @cached_property
     def nq(self) -> int:
@@ -163,7 +191,13 @@ class Robot:
     @cached_property
     def foot_points(self) -> FootPoints:
         """Assignment of the nc contact points to the nf feet."""
-        return FootPoints.of_robot(self)
+        data = self.create_data()
+        pin.framesForwardKinematics(self.model, data, self.q_reference)
+        turn = data.oMi[1].rotation if self.floating_base else np.eye(3)
+        counts = tuple(len(foot.points) for foot in self.feet)
+        centres = np.repeat([data.oMf[frame].translation for frame in self.foot_ids], counts, axis=0)
+        points = np.array([data.oMf[frame].translation for frame in self.contact_ids])
+        return FootPoints(counts, (points - centres).reshape(-1, 3) @ turn, self.contact_radius)
 
     @cached_property
     def short_support(self) -> bool:
@@ -172,7 +206,12 @@ class Robot:
         Then forces at the edges of the support turn the robot before they stop it, as those of two feet of a quadruped
         that trots: attitude and centre of mass compete for them.
         """
-        return support_share(self) < _SHORT_SUPPORT
+        data = self.create_data()
+        pin.framesForwardKinematics(self.model, data, self.q_reference)
+        com = pin.centerOfMass(self.model, data, self.q_reference)
+        points = np.array([data.oMf[frame].translation[:2] for frame in self.contact_ids]).reshape(1, -1, 2)
+        margin = support_margin(points, np.ones(points.shape[:2], dtype=np.bool_), com[None, :2])
+        return not margin[0] >= _SHORT_SUPPORT * com[2]  # nor is there one without feet
 
     @cached_property
     def floating_base(self) -> bool:

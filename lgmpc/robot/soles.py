@@ -8,7 +8,7 @@ point. :class:`FootPoints` is the only place where the one becomes the other.
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal, Union
 
 import coal
 import numpy as np
@@ -17,14 +17,11 @@ from pydantic import Discriminator, Field, Tag
 
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude
-from lgmpc.robot.collision import read_collision_geometry
+from lgmpc.robot.collision import ModelSource, read_collision_geometry
 from lgmpc.robot.feet import lever
 from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Finite, Settings, Vector3, key
 from lgmpc.typing import Array, BoolArray, IntArray
-
-if TYPE_CHECKING:
-    from lgmpc.robot.model import ModelSource, Robot
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -149,17 +146,6 @@ class FootPoints:
         self.starts: IntArray = np.cumsum(self.counts) - self.counts
         self.offsets, self.radius = offsets, radius
 
-    @classmethod
-    def of_robot(cls, robot: "Robot") -> "FootPoints":
-        """Return the assignment of a robot's contact points."""
-        data = robot.create_data()
-        pin.framesForwardKinematics(robot.model, data, robot.q_reference)
-        turn = data.oMi[1].rotation if robot.floating_base else np.eye(3)
-        counts = tuple(len(foot.points) for foot in robot.feet)
-        centres = np.repeat([data.oMf[frame].translation for frame in robot.foot_ids], counts, axis=0)
-        points = np.array([data.oMf[frame].translation for frame in robot.contact_ids])
-        return cls(counts, (points - centres).reshape(-1, 3) @ turn, robot.contact_radius)
-
     def lever(self, normal: Any = _UP) -> Any:
         """Return the vector from a contact frame's origin to where it touches a surface of this (..., 3) normal, m."""
         return lever(self.radius, normal)
@@ -222,24 +208,8 @@ class FootPoints:
         return centres[..., self.of, :] + self.arms(yaws, normal)
 
 
-def support_share(robot: "Robot") -> float:
-    """Return the distance of the centre of mass from the edge of the support, as a share of its height.
-
-    Of the reference posture, projected to the ground; negative outside of the support.
-    """
-    data = robot.create_data()
-    pin.framesForwardKinematics(robot.model, data, robot.q_reference)
-    com = pin.centerOfMass(robot.model, data, robot.q_reference)
-    corners = _hull(np.array([data.oMf[frame].translation[:2] for frame in robot.contact_ids]))
-    if len(corners) < 3:
-        return 0.0
-    edges, arms = np.roll(corners, -1, axis=0) - corners, com[:2] - corners
-    distances = (edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]) / np.linalg.norm(edges, axis=1)
-    return float(distances.min() / com[2])
-
-
 def make_feet(
-    model: pin.Model, q: Array, specs: tuple[FootSpec, ...], files: "ModelSource"
+    model: pin.Model, q: Array, specs: tuple[FootSpec, ...], files: ModelSource
 ) -> tuple[list[Foot], list[str]]:
     """Return the feet with soles, and the problems that prevent their use.
 
@@ -329,7 +299,7 @@ def _apart(first: Array, second: Array) -> bool:
     return False
 
 
-def _clouds(model: pin.Model, files: "ModelSource", joints: set[int]) -> dict[int, Array]:
+def _clouds(model: pin.Model, files: ModelSource, joints: set[int]) -> dict[int, Array]:
     """Return points on the surface of the collision geometry of bodies, in the axes of their joints, m."""
     try:
         with native_stderr():  # the model may lack joints of the file, but not its links

@@ -9,7 +9,7 @@ from typing import Any
 import pinocchio as pin
 
 from lgmpc.errors import InputError, ModelError
-from lgmpc.robot.model import ModelSource
+from lgmpc.robot.collision import ModelSource
 from lgmpc.robot.names import some
 from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.robot.spec import RobotSpec

@@ -13,7 +13,8 @@ from lgmpc.runs.gate import Gate, measured
 from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.metrics import Metrics, slide
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG, LOW_MODES
-from lgmpc.typing import GRAVITY, Array, BoolArray
+from lgmpc.support import capture_point, support_margin
+from lgmpc.typing import Array
 
 _SLID_M = 0.01
 """Displacement since the start of its stance, m, beyond which a foot has slid, if the gate has no limit on slip."""
@@ -23,7 +24,6 @@ _ROUNDING = 1e-9
 _WHOLE = ("",)
 """Subjects of a quantity of the whole robot."""
 _LOWEST = 0.02  # m; at lower heights the pendulum does not model the robot
-_TINY = 1e-9  # m
 _LOADED = 0.02
 """Share of the robot's weight above which the friction of a foot is evaluated."""
 
@@ -286,18 +286,6 @@ def _friction(log: RunLog, feet: tuple[str, ...]) -> Limited:
     return Limited("friction", "N", feet, tangential, limit, np.where(loaded, limit - tangential, np.nan), limit)
 
 
-def capture_point(log: RunLog) -> Array:
-    """Return the (n, 2) capture point of each tick, m, world axes; NaN where the mass was not recorded.
-
-    Of a linear inverted pendulum: ``x + v sqrt(z / g)`` with the centre of mass ``x`` at height ``z`` above the ground,
-    measured vertically, and its velocity ``v`` (Pratt et al., Humanoids 2006); a pendulum that moves parallel to a
-    slope has the same (Kajita et al., IROS 2001).
-    """
-    height = np.maximum(log.above_ground(log.com) / log.ground_normal[:, 2], _LOWEST)
-    velocity = log.momentum[:, :2] / log.mass_kg
-    return log.com[:, :2] + velocity * np.sqrt(height / GRAVITY)[:, None]
-
-
 def capture_margin(log: RunLog) -> Array:
     """Return the (n,) distance of the capture point from the edge of the support, m; negative outside.
 
@@ -306,38 +294,8 @@ def capture_margin(log: RunLog) -> Array:
     """
     swinging = (log.stance == 0)[:, log.foot_of]
     points = np.where(swinging[:, :, None], log.footholds[:, :, :2], log.contact_points[:, :, :2])
-    margin = support_margin(points, log.closed | swinging, capture_point(log))
+    height = np.maximum(log.above_ground(log.com) / log.ground_normal[:, 2], _LOWEST)
+    place = capture_point(log.com, log.momentum / log.mass_kg, height)
+    margin = support_margin(points, log.closed | swinging, place)
     margin[np.isin(log.mode, [MODES.index(mode) for mode in LOW_MODES])] = np.nan
-    return margin
-
-
-def support_margin(points: Array, used: BoolArray, place: Array) -> Array:
-    """Return the signed distance of a place from the edge of the convex hull of points, positive inside.
-
-    It is the minimum over unit vectors of the support function of the hull about the place, attained at the normal of
-    an edge or, from outside, at the direction from a vertex to the place.
-
-    Args:
-        points: (n, k, 2) points, m.
-        used: (n, k) flags of the points that the hull includes.
-        place: (n, 2) the place, m.
-
-    Returns:
-        (n,) distances, m; NaN where the hull is empty or the place is NaN.
-    """
-    offsets = points - place[:, None]
-    margin = np.full(len(points), np.inf)
-    count = points.shape[1]
-    for i in range(count):
-        others = [offsets[:, j] - offsets[:, i] for j in range(count) if j != i]
-        normals = [edge[:, ::-1] * [1.0, -1.0] for edge in others]
-        usable = [used[:, i] & used[:, j] for j in range(count) if j != i]
-        for direction, valid in zip([-offsets[:, i], *normals], [used[:, i], *usable], strict=True):
-            length = np.linalg.norm(direction, axis=1)
-            heights = np.einsum("nkx,nx->nk", offsets, direction)
-            reach = np.where(used, heights, -np.inf).max(axis=1)
-            known = valid & (length > _TINY)
-            margin[known] = np.minimum(margin[known], reach[known] / length[known])
-    margin[np.isinf(margin)] = 0.0  # on the only point
-    margin[~used.any(axis=1) | ~np.isfinite(place).all(axis=1)] = np.nan
     return margin

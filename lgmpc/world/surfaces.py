@@ -102,11 +102,6 @@ class Plane:
         (x, y, z), (along_x, along_y) = self.point, self.slope
         return z + along_x * (points[:, 0] - x) + along_y * (points[:, 1] - y)
 
-    def height_at(self, x: float, y: float) -> float:
-        """Return the height at one point, m: for the tick, without arrays."""
-        (at_x, at_y, z), (along_x, along_y) = self.point, self.slope
-        return z + along_x * (x - at_x) + along_y * (y - at_y)
-
     def normal(self, points: Array) -> Array:
         """Return (n, 3) the normal."""
         normals = np.empty((len(points), 3))

@@ -27,8 +27,7 @@ from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
 from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.hardware import Deployment, StopReason, UdpDriver, UdpRobot
-from lgmpc.hardware.packets import Layout
-from lgmpc.hardware.secret import read_secret
+from lgmpc.hardware.packets import Layout, read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
 from lgmpc.mpc import CentroidalMpc

@@ -15,9 +15,9 @@ from lgmpc.locomotion.command import Ramp
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
+from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.robot import Robot
 from lgmpc.timegrid import TimeGrid
-from lgmpc.world import Plane
 from tests.support.samples import solo8
 
 TROT = quadruped_gaits()["trot"]
@@ -257,7 +257,9 @@ def test_footholds_at_the_legs_reach_are_clear_of_the_other_feet_too(legs: LegGe
 
 
 def test_the_horizon_holds_a_foot_until_its_next_lift_off(legs: LegGeometry) -> None:
-    planner = FootholdPlanner(legs, ground=Plane((0.0, 0.0, 0.1)))
+    ground = TerrainBelief(4, legs.height)
+    ground.begin(np.array([[x, y, 0.1] for x, y, _ in legs.feet]))
+    planner = FootholdPlanner(legs, ground=ground)
     clock = GaitClock(TROT)
     horizon = TimeGrid(0.02, 20, 0.02)
     t = horizon.start

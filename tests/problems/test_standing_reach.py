@@ -17,7 +17,6 @@ from lgmpc.problems.standing_reach import (
     build_standing_reach,
     center_of_pressure,
     in_axes_of,
-    margin_inside,
     sole_corners,
 )
 from lgmpc.robot import Robot, RobotSpec, load_robot
@@ -89,12 +88,6 @@ def test_pressure_and_corners_by_hand() -> None:
     np.testing.assert_allclose(center_of_pressure(np.concatenate([force, np.cross(point, force)])), point[:2])
     corners = sole_corners(pin.SE3(pin.exp3(np.array([0, 0, np.pi / 2])), np.array([1.0, 2.0, 0.0])), (0.2, 0.1))
     np.testing.assert_allclose(corners[0], [0.9, 2.2, 0.0], rtol=0, atol=1e-12)
-
-
-def test_margin_of_a_polygon_by_hand() -> None:
-    square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
-    assert margin_inside(square, np.array([[1.0, 0.5], [1.9, 0.5]])) == pytest.approx(0.1)
-    assert margin_inside(square, np.array([[1.0, 0.5], [1.0, 1.25]])) == pytest.approx(-0.25)
 
 
 def test_wrenches_in_a_soles_own_axes() -> None:

@@ -181,3 +181,13 @@ def test_every_room_with_public_names_is_in_the_reference(monkeypatch: pytest.Mo
         text = pages.package_page(package, "")
         for name in public_names(package):
             assert f"`{name} <" in text
+
+
+def test_tutorials_are_numbered() -> None:
+    """In their files' names, their titles and the list of them, in the same order."""
+    pages = sorted(path for path in (DOCS / "tutorials").glob("*.md") if path.stem != "index")
+    listed = (DOCS / "tutorials" / "index.md").read_text()
+    assert re.findall(r"^\d_\w+$", listed, re.MULTILINE) == [page.stem for page in pages]
+    for number, page in enumerate(pages, 1):
+        title = re.search(rf"^# ({number}\. .+)$", page.read_text(), re.MULTILINE)
+        assert title is not None and f"| [{title[1]}]({page.name}) |" in listed

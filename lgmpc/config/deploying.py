@@ -61,7 +61,7 @@ def deploy_config(
     drives, without the noise of measured ones.
 
     Args:
-        config: the closed loop; of its plant, only the rates are used.
+        config: the closed loop; of its plant, the rates and the initial posture are used.
         driver: constructs the driver of the robot from its model, after everything else is ready: a
             :class:`lgmpc.hardware.UdpDriver`, or one's own.
         out: folder of run folders.
@@ -149,7 +149,8 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
     robot = build_robot(config)
     controller = build_controller(config, robot, notify)
     _arrange_planning(config, controller)
-    estimator = build_estimator(config, robot, controller, None, notify)
+    world = make_world(config.world, config.plant.friction, config.seed)
+    estimator = build_estimator(config, robot, controller, initial_state(robot, config.plant, world)[:7], notify)
     assert estimator is not None
     ticks = control_ticks(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
     recorder = build_recorder(

@@ -310,7 +310,7 @@ class LeggedEstimator:
         self._q, self._v = robot.q_reference.copy(), np.zeros(robot.nv)
         self._q[:7] = start
         self._running = False
-        self._floor = math.nan  # height of the floor against gravity, m
+        self._floor, self._time = math.nan, 0.0  # height of the floor against gravity, m; of the last reading, s
 
     def reset(self) -> None:
         """Start again with the next reading."""
@@ -338,14 +338,16 @@ class LeggedEstimator:
         return RobotState(m.time, self._q.copy(), self._v.copy(), self.contacts.copy())
 
     def _advance(self, reading: Measurement) -> None:
-        ekf, legs = self.ekf, self.legs
+        ekf, legs, periods = self.ekf, self.legs, 1
         self._write_normals()
         if self._running:
+            periods = max(1, round((reading.time - self._time) / self._period))  # since readings that were lost too
             # Rates are those of the legs at the last reading, since which the feet have rolled.
-            ekf.predict(reading.gyro, reading.accelerometer, self._period, legs.rates)
+            ekf.predict(reading.gyro, reading.accelerometer, periods * self._period, legs.rates)
         else:
             self._level(reading.accelerometer)
-        legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias)
+        self._time = reading.time
+        legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias, periods)
         normal_forces = legs.forces @ self._up if self._even else (legs.forces * legs.normals).sum(axis=1)
         if not self._feet.single:
             self._loads += self._smoothing * (self._feet.total(normal_forces) - self._loads)

@@ -80,7 +80,9 @@ class LegSensing:
         """Discard the last reading: at the next one the accelerations are assumed to be zero."""
         self._running = False
 
-    def update(self, reading: Measurement, rotation: Array, velocity: Array, gyro_bias: Array) -> None:
+    def update(
+        self, reading: Measurement, rotation: Array, velocity: Array, gyro_bias: Array, periods: int = 1
+    ) -> None:
         """Update from a reading of the sensors and the estimate of the base.
 
         Args:
@@ -88,14 +90,16 @@ class LegSensing:
             rotation: (3, 3) of the base, body to world.
             velocity: (3,) of its origin, world axes, m/s.
             gyro_bias: (3,) rad/s.
+            periods: since the last reading; more than one if readings were lost.
         """
         if self._running:
+            rate = self._rate / periods
             np.subtract(reading.speeds, self._speeds, out=self._faster)
-            self._faster *= self._rate
+            self._faster *= rate
             # The difference of the mean rates of two intervals is the change of rate between their midpoints.
             np.subtract(reading.gyro, gyro_bias, out=self._turning)
             self._turning -= self._gyro
-            self._turning *= self._rate
+            self._turning *= rate
         else:
             self._faster[:] = self._turning[:] = 0.0
         self._running = True

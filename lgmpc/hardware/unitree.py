@@ -109,8 +109,8 @@ class _Channel:
         self._waits.attach(self._condition)
         self.codec, self._out = Codec(read[1]), Codec(write[1])
 
-    def arrived(self, timeout_s: float) -> list[Any]:
-        """Return the records that have arrived, after waiting for the first one."""
+    def arrived(self, timeout_s: float) -> list[tuple[Any, float]]:
+        """Return the records that have arrived, after waiting for the first one, and when each was written, s."""
         found = self._taken()
         if not found and timeout_s > 0.0:
             self._waits.wait(round(1e9 * timeout_s))
@@ -121,12 +121,12 @@ class _Channel:
         """Write a record, with its checksum."""
         self._put(self._writer._ref, self._out.encode(record))
 
-    def _taken(self) -> list[Any]:
+    def _taken(self) -> list[tuple[Any, float]]:
         taken = self._take(self.reader._ref, self._mask, _KEPT)
         if isinstance(taken, int):
             return []
-        records = (self.codec.decode(data) for data, info in taken if info.valid_data)
-        return [record for record in records if record is not None]
+        valid = ((self.codec.decode(data), 1e-9 * info.source_timestamp) for data, info in taken if info.valid_data)
+        return [each for each in valid if each[0] is not None]
 
 
 def _order(joints: Sequence[str]) -> tuple[str, IntArray]:
@@ -141,7 +141,8 @@ class UnitreeDriver:
     """A :class:`lgmpc.hardware.Driver` of a Go2, B2 or G1.
 
     The robot's own motion service is released first, so that it sends no commands beside these. Measurements are those
-    of the robot's state messages, at its rate (500 Hz) and by its clock, which counts milliseconds.
+    of the robot's state messages, at its rate (500 Hz) and by its clock, which counts milliseconds; where it has none,
+    by the times at which they were written.
 
     Args:
         joints: names of the joints, in the order of measurements and commands.
@@ -157,7 +158,7 @@ class UnitreeDriver:
         family, self._motor = _order(joints)
         network = _Network.of(interface, domain)
         self._channel = _Channel(network, ("rt/lowstate", STATES[family]), ("rt/lowcmd", COMMANDS[family]))
-        self._family, self._begun = family, perf_counter()
+        self._family = family
         self._record = Codec(COMMANDS[family]).record()
         motors = self._record["motor_cmd"]
         motors["mode"][self._motor] = 1  # of those with a joint; others are off
@@ -168,7 +169,7 @@ class UnitreeDriver:
 
     def read(self, timeout_s: float) -> list[Measurement]:
         """Return the measurements that have arrived; see :meth:`lgmpc.hardware.Driver.read`."""
-        return [self._measurement(each) for each in self._channel.arrived(timeout_s)]
+        return [self._measurement(*each) for each in self._channel.arrived(timeout_s)]
 
     def write(self, command: Command) -> None:
         """Send the command."""
@@ -181,7 +182,7 @@ class UnitreeDriver:
         """Leave the topics."""
         del self._channel
 
-    def _measurement(self, state: Any) -> Measurement:
+    def _measurement(self, state: Any, written: float) -> Measurement:
         imu, motors = state["imu_state"], state["motor_state"][self._motor]
         tick = int(state["tick"])
         hot, w, volts, flags = motors["temperature"], imu["quaternion"], None, None
@@ -191,7 +192,7 @@ class UnitreeDriver:
         else:
             volts = float(state["power_v"]) or None
         return Measurement(
-            1e-3 * tick if tick else perf_counter() - self._begun,  # the Python unitree_mujoco has no clock
+            1e-3 * tick if tick else written,  # the Python unitree_mujoco has no clock
             _wide(imu["gyroscope"]),
             _wide(imu["accelerometer"]),
             _wide(motors["q"]),
@@ -262,7 +263,7 @@ class UnitreeRobot:
 
     def _commands(self, timeout_s: float) -> list[Command]:
         commands = []
-        for record in self._channel.arrived(timeout_s):
+        for record, _ in self._channel.arrived(timeout_s):
             if not self._channel.codec.intact(record):
                 self.forged += 1
                 continue

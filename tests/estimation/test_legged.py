@@ -131,6 +131,25 @@ def test_readings_that_are_not_finite_are_skipped_counted_and_logged_once(
     assert estimator.failures == 5 and len(caplog.records) == 1
 
 
+def test_the_time_of_readings_that_were_lost_passes(solo12: Robot, estimator: LeggedEstimator) -> None:
+    """A base in the air that rises and turns: with one reading in three it is where it is with all of them."""
+    first = resting(solo12, np.eye(3))
+    gyro, felt = np.array([0.0, 0.0, 0.5]), first.accelerometer + [0.0, 0.0, 1.0]
+    weight = pin.computeGeneralizedGravity(solo12.model, solo12.create_data(), solo12.q_reference)[6:]
+    states = []
+    for each in (1, 3):
+        estimator.reset()
+        estimator.update(first)
+        for k in range(each, 301, each):
+            moving = first._replace(time=k * PERIOD, gyro=gyro, accelerometer=felt, torques=1.1 * weight)
+            state = estimator.update(moving)
+        states.append(state)
+        assert not estimator.contacts.any()
+    np.testing.assert_allclose(states[1].q, states[0].q, atol=1e-6)
+    np.testing.assert_allclose(states[1].v, states[0].v, atol=1e-6)
+    assert states[0].v[2] == pytest.approx(0.3, abs=1e-3)  # of the last reading alone, not of the lost ones: 0.1
+
+
 @pytest.mark.usefixtures("interpreted")
 def test_the_start_is_the_given_pose(solo12: Robot) -> None:
     start = np.array([1.0, -2.0, 0.5, 0.0, 0.0, np.sin(0.4), np.cos(0.4)])

@@ -35,6 +35,7 @@ from lgmpc.mpc.process import ProcessMpc
 from lgmpc.robot import Robot
 from lgmpc.runs import RunFolder
 from lgmpc.runs.folder import DEPLOYMENT_FILE
+from lgmpc.simulation.initial import initial_state
 
 NU = 2
 
@@ -112,8 +113,14 @@ def test_in_real_time_the_robot_stands(tmp_path: Path) -> None:
 
 
 def test_a_config_without_an_estimator_is_deployed_with_one(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    config = load_config("solo12_balance", ["deployment.lost_s=0.05"])
-    finished, deployment = deploy_config(config, lambda robot: UdpDriver((LOCALHOST, 9), robot.nu), tmp_path)
+    config = load_config("solo12_balance", ["deployment.lost_s=0.05", "plant.initial_posture=lying"])
+    begun: list[Any] = []
+    finished, deployment = deploy_config(
+        config, lambda robot: UdpDriver((LOCALHOST, 9), robot.nu), tmp_path, prepared=begun.append
+    )
+    # The estimate begins where the robot does: on its belly.
+    height = begun[0].legs.update(Lost(12).left[0]).q[2]
+    assert height == initial_state(begun[0].controller.robot, config.plant)[2] < 0.1
     assert "no estimator: inekf" in caplog.text and finished.config.estimator.kind == "inekf"
     assert finished.result.verdict.reasons == (deployment.failure,)
     assert deployment.failure == "no measurement arrived: is the robot on, and is this its address?"

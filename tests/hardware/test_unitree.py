@@ -130,6 +130,20 @@ def test_measurements_and_commands_arrive_in_the_order_of_the_joints(
     assert robot.receive_answer(0.5) is None and robot.forged == 1
 
 
+def test_readings_of_a_robot_without_a_clock_have_the_times_at_which_they_were_written(
+    linked: tuple[UnitreeRobot, UnitreeDriver],
+) -> None:
+    """unitree_mujoco in Python has none; several that are read together were not taken together."""
+    robot, driver = linked
+    exchanged(robot, driver, Measurement(1.0, *np.zeros((2, 3)), *np.zeros((3, 12))))
+    driver.read(0.05)
+    robot._record["tick"] = 0
+    for _ in range(3):
+        robot._channel.send(robot._record)
+        time.sleep(0.02)
+    assert np.diff([each.time for each in driver.read(0.5)]).min() >= 0.02
+
+
 def test_the_robots_own_motion_service_is_released(monkeypatch: pytest.MonkeyPatch) -> None:
     domain, names, over = next(DOMAINS), ["normal"], threading.Event()
     network = _Network.of("lo", domain)

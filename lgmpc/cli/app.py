@@ -109,6 +109,7 @@ def live(
     ] = 300.0,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; 0 takes any free one.")] = 8080,
     browser: Annotated[bool, typer.Option(help="Open the page in a browser on this machine.")] = True,
+    host: Annotated[str, typer.Option(help="Address to serve the page at; other ones need a token.")] = "127.0.0.1",
     robot: Annotated[
         str,
         option(
@@ -141,7 +142,7 @@ def live(
         return load_config(config, [*overrides, *more])
 
     console = err()
-    with Viewing(port, browser).open(partial(console.print, markup=False), load) as link:
+    with Viewing(port, browser, host).open(partial(console.print, markup=False), load) as link:
         from lgmpc.cli.running import deploy_shown, live_shown
 
         if end is None:
@@ -228,7 +229,8 @@ def robot(
     loaded = load_config(config, [*overrides, *more])
     from lgmpc.cli.running import RobotEnd, serve_shown
 
-    end = RobotEnd(driver, (host, port) if driver == "udp" else None, secret, interface)
+    address = (host, port)
+    end = RobotEnd(driver, None if address == ("127.0.0.1", 47800) else address, secret, interface)
     return serve_shown(loaded, end, lock_step=lock_step)
 
 

@@ -147,7 +147,8 @@ class RobotEnd(NamedTuple):
     def end(self, *, robots: bool, period: float = 0.0) -> "Callable[[Robot], Any]":
         """Return the constructor of the controller's or the robot's end; ``period`` is that of the ticks, s."""
         udp, interface = self.driver == "udp", self.interface or ("lo" if robots else "eth0")
-        foreign = {"--interface": self.interface} if udp else {"--robot": self.address, "--secret": self.secret}
+        address = "--host, --port" if robots else "--robot"
+        foreign = {"--interface": self.interface} if udp else {address: self.address, "--secret": self.secret}
         for option, given in foreign.items():
             if given is not None:
                 raise InputError(option, given, f"none: --driver {self.driver} does not use it")

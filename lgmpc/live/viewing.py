@@ -4,10 +4,13 @@ It is started before anything else is loaded or built, so that the page is open 
 import is imported when the page is served.
 """
 
+import hmac
 import importlib.util
+import ipaddress
 import multiprocessing
 import os
 import re
+import secrets
 import signal
 import socket
 import sys
@@ -26,8 +29,7 @@ if TYPE_CHECKING:
 
 _OPENING_S = 60.0
 _HOST = "127.0.0.1"
-"""viser has no access control: other machines come through ssh."""
-_ORIGINS = [None, re.compile(r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?")]
+_ORIGIN = r"https?://(localhost|127\.0\.0\.1|\[::1\]|{})(:\d+)?"
 """Pages that may connect; viser lets in those of any site that is open in the same browser. Programs have none."""
 
 
@@ -70,10 +72,13 @@ class Viewing:
     Attributes:
         port: to listen at; 0 for any free one.
         browser: whether to open a browser on this machine.
+        host: address of this machine at which the page is served. At any but 127.0.0.1, who asks for it needs the token
+            in the page's address, which is new in each run; nothing is encrypted.
     """
 
     port: int = 8080
     browser: bool = True
+    host: str = _HOST
 
     @contextmanager
     def open(self, notify: Callable[[str], None], load: Callable[[], object] = lambda: None) -> Iterator[Link]:
@@ -92,7 +97,7 @@ class Viewing:
             raise MissingDependencyError("viser", "lgmpc live", 'pip install "lgmpc[live]"')
         context = multiprocessing.get_context("spawn")
         mine, theirs = context.Pipe()
-        process = context.Process(target=view, args=(theirs, self._free_port()), daemon=True)
+        process = context.Process(target=view, args=(theirs, self.host, self._free_port()), daemon=True)
         process.start()
         theirs.close()
         link = Link(mine)
@@ -120,18 +125,21 @@ class Viewing:
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
-                probe.bind((_HOST, self.port))
-            except OSError as error:
-                words = f"{_HOST}:{self.port} ({error.strerror})"
-                raise InputError("--port", words, "a free one; 0 takes any") from error
+                if ipaddress.ip_address(self.host).is_unspecified:
+                    raise OSError(0, "no single address")
+                probe.bind((self.host, self.port))
+            except (OSError, ValueError) as error:
+                words = f"{self.host}:{self.port} ({getattr(error, 'strerror', error)})"
+                raise InputError("--port or --host", words, "a free port, 0 takes any; an IPv4 address here") from error
             return int(probe.getsockname()[1])
 
 
-def view(pipe: Connection, port: int) -> None:
+def view(pipe: Connection, host: str, port: int) -> None:
     """Serve the page until the loop's end of the pipe closes.
 
     Args:
         pipe: to the loop, which is sent the page's address first.
+        host: address to listen at.
         port: to listen at.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal is for the loop, which ends this process
@@ -140,16 +148,37 @@ def view(pipe: Connection, port: int) -> None:
     import viser
     from websockets.asyncio import server as sockets
 
-    vars(sockets)["serve"] = partial(sockets.serve, origins=_ORIGINS)
-    server = viser.ViserServer(_HOST, port, verbose=False)
+    origins = [None, re.compile(_ORIGIN.format(re.escape(host)))]
+    token = "" if host == _HOST else secrets.token_urlsafe(16)
+    begin = sockets.serve
+
+    def serve(*args: Any, process_request: Callable[..., Any], **options: Any) -> Any:
+        ask = partial(_admit, token, process_request) if token else process_request
+        return begin(*args, process_request=ask, origins=origins, **options)
+
+    vars(sockets)["serve"] = serve
+    server = viser.ViserServer(host, port, verbose=False)
     server.request_share_url = lambda *_, **__: None  # viser's tunnel would publish the page
     server.gui.configure_theme(show_logo=False, show_share_button=False)
-    pipe.send(f"http://{_HOST}:{port}")
+    pipe.send(f"http://{host}:{port}" + (f"/?token={token}" if token else ""))
     try:
         with suppress(EOFError, OSError):
             _serve(server, pipe)
     finally:
         server.stop()
+
+
+def _admit(token: str, answer: Callable[..., Any], connection: Any, request: Any) -> Any:
+    """Refuse a request without the token; one that has it in its address gets it as a cookie for all that follow."""
+    asked = request.path.partition("?token=")[2]
+    cookies = "; ".join(request.headers.get_all("Cookie")).split("; ")
+    held = (each.removesuffix("=lgmpc") for each in cookies)  # named by the token: runs at other ports have others
+    if not any(hmac.compare_digest(each.encode(), token.encode()) for each in (asked, *held)):
+        return connection.respond(403, "The address of the page ends with the token that lgmpc live has printed.\n")
+    response = answer(connection, request)
+    if asked and response is not None:
+        response.headers["Set-Cookie"] = f"{token}=lgmpc; HttpOnly; SameSite=Strict"
+    return response
 
 
 def _serve(server: "viser.ViserServer", pipe: Connection) -> None:

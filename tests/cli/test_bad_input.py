@@ -157,6 +157,7 @@ def test_a_command_that_does_not_exist_is_refused(arguments: list[object], invok
         (["deploy", BALANCE, "--interface", "eth7"], "--interface: got eth7; expected none: --driver udp"),
         (["deploy", BALANCE, "--driver", "unitree", "--robot", "1.2.3.4:5"], "--robot: got ('1.2.3.4', 5)"),
         (["robot", BALANCE, "--driver", "unitree", "--secret", "x"], "--secret: got x; expected none: --driver"),
+        (["robot", BALANCE, "--driver", "unitree", "--host", "1.2.3.4"], "--host, --port: got ('1.2.3.4', 47800)"),
         (["robot", BALANCE, "--host", "203.0.113.7"], "address: got 203.0.113.7:47800; expected a free one of this"),
         (["live", BALANCE, "--no-browser", "--driver", "unitree"], "--robot: got none; expected that of --driver"),
         (["live", BALANCE, "--no-browser", "--port", "0", "--robot", "1.2.3"], "robot: got 1.2.3; expected host:port"),

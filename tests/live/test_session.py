@@ -5,13 +5,17 @@ from __future__ import annotations
 import asyncio
 import json
 import multiprocessing
+import re
 import signal
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
+from urllib.parse import SplitResult, urlsplit
 
 import numpy as np
 import pinocchio as pin
@@ -244,6 +248,21 @@ def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config)
     assert not pulls.is_active(0.001)
 
 
+SOCKET = {
+    "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "MDEyMzQ1Njc4OWFiY2RlZg==",
+}  # fmt: skip
+"""Headers of a request for the page's websocket."""
+
+
+def asked(page: SplitResult, path: str, **headers: str) -> tuple[int, str]:
+    """Return status and cookie of the answer to a request of the page."""
+    with closing(HTTPConnection(page.hostname or "", page.port, timeout=10.0)) as link:
+        link.request("GET", path, headers=headers)
+        with link.getresponse() as answer:
+            return answer.status, (answer.headers["Set-Cookie"] or "").partition(";")[0]
+
+
 @pytest.mark.parametrize(
     ("origin", "status"),
     [
@@ -251,30 +270,40 @@ def test_a_spring_acts_at_the_grip(start: Callable[..., Player], config: Config)
         ("http://localhost.elsewhere.example:8080", 403),
         ("null", 403),
         ("http://localhost:9000", 101),
+        ("http://127.0.0.2:9000", 101),
     ],
 )
-def test_pages_of_other_sites_do_not_reach_the_robot(origin: str, status: int, page: tuple[str, int]) -> None:
+def test_pages_of_other_sites_do_not_reach_the_robot(origin: str, status: int, page: SplitResult) -> None:
     """Any page that is open in the same browser could have driven it; one through ssh has another port."""
-    with socket.create_connection(page, timeout=10.0) as link:
-        lines = ["GET / HTTP/1.1", f"Host: {page[0]}:{page[1]}", "Upgrade: websocket", "Connection: Upgrade"]
-        lines += [
-            "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==",
-            "Sec-WebSocket-Version: 13",
-            f"Origin: {origin}",
-            "",
-            "",
-        ]
-        link.sendall("\r\n".join(lines).encode())
-        assert link.recv(100).split()[1] == str(status).encode()
+    _, cookie = asked(page, f"/?{page.query}")
+    assert asked(page, "/", Origin=origin, Cookie=cookie, **SOCKET)[0] == status
+
+
+def test_at_another_address_page_files_and_socket_need_the_token_of_its_url(page: SplitResult) -> None:
+    own = SOCKET | {"Origin": f"http://{page.netloc}"}
+    assert len(page.query) > len("token=") + 16
+    for path in ("/", "/?token=", f"/?{page.query}x", "/index.html"):
+        assert asked(page, path)[0] == asked(page, path, Cookie="token=1; =lgmpc")[0] == 403
+        assert asked(page, path, **own)[0] == 403
+    status, cookie = asked(page, f"/?{page.query}")
+    assert status == 200 and cookie
+    assert asked(page, "/index.html", Cookie=f"other=1; {cookie}")[0] == 200
+    assert asked(page, "/", Cookie=cookie, **own)[0] == 101
 
 
 @pytest.fixture(scope="module")
-def page() -> Iterator[tuple[str, int]]:
-    """Host and port of a page without a run."""
+def page() -> Iterator[SplitResult]:
+    """The address of a page without a run; it is not that of pages that need no token."""
     told: list[str] = []
-    with Viewing(0, browser=False).open(told.append):
-        host, _, port = told[0].removeprefix("page: http://").partition(":")
-        yield host, int(port)
+    with Viewing(0, browser=False, host="127.0.0.2").open(told.append):
+        yield urlsplit(told[0].removeprefix("page: "))
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "203.0.113.7", "robot"])
+def test_an_address_that_is_not_one_of_this_machine_is_refused(host: str) -> None:
+    words = rf"--host: got {re.escape(host)}:0 .*an IPv4 address here"
+    with pytest.raises(InputError, match=words), Viewing(0, host=host).open(print):
+        pass
 
 
 def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
@@ -282,7 +311,10 @@ def test_a_port_in_use_is_one_error_with_a_remedy() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         viewing = Viewing(port=taken.getsockname()[1])
-        with pytest.raises(InputError, match=r"--port: got 127\.0\.0\.1:\d+ .*0 takes any"), viewing.open(print):
+        with (
+            pytest.raises(InputError, match=r"--port or --host: got 127\.0\.0\.1:\d+ .*0 takes any"),
+            viewing.open(print),
+        ):
             pass
 
 

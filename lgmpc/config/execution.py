@@ -24,7 +24,7 @@ from lgmpc.config.session import (
     stop_signals,
 )
 from lgmpc.config.solving import prepare_solve
-from lgmpc.errors import InputError, Interrupted
+from lgmpc.errors import Interrupted
 from lgmpc.ocp import ShootingProblem
 from lgmpc.problems import Scenario
 from lgmpc.robot import Robot
@@ -32,6 +32,7 @@ from lgmpc.runs import Outcome, RunFolder, RunResult, SolveResult
 from lgmpc.runs.result import SettingsChange
 from lgmpc.settings.dotted import differing
 from lgmpc.solvers import Solution
+from lgmpc.typing import typed
 from lgmpc.world import Course, Heights
 
 if TYPE_CHECKING:
@@ -122,6 +123,7 @@ class FinishedRun(_Finished):
     session: SessionResult = field(repr=False)
 
 
+@typed
 def run_config(
     config: Config, out: str | Path = "runs", *, notify: Notify = ignore, progress: ProgressReport = ignore
 ) -> FinishedRun:
@@ -141,8 +143,6 @@ def run_config(
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the simulation begins.
     """
-    if not isinstance(config, Config):
-        raise InputError("config", type(config).__name__, "a Config, see lgmpc.load_config")
     return run_session(config, lambda announce: prepare(config, notify=announce), out, notify=notify, progress=progress)
 
 
@@ -233,6 +233,7 @@ class FinishedSolve(_Finished):
         return self.scenario.problem
 
 
+@typed
 def solve_config(
     config: SolveConfig, out: str | Path = "runs", *, notify: Notify = ignore, progress: IterationReport = ignore
 ) -> FinishedSolve:
@@ -250,8 +251,6 @@ def solve_config(
         LgmpcError: if the config cannot be built, or the folder cannot be written or has too little space.
         Interrupted: by a signal before the first iteration.
     """
-    if not isinstance(config, SolveConfig):
-        raise InputError("config", type(config).__name__, "a SolveConfig, see lgmpc.load_solve_config")
     with stop_signals() as stop, _new_folder(config, out, stop) as folder:
         session = prepare_solve(config, notify=stop.checked(notify))
         folder.check_space(session.log_bytes)

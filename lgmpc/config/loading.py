@@ -1,7 +1,7 @@
 """Reading of configs from YAML files with changes ``a.b.c=value`` of the command line, and writing them."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypedDict, TypeVar
 
@@ -15,9 +15,12 @@ from lgmpc.settings import Settings
 from lgmpc.settings.dotted import write_at
 from lgmpc.settings.messages import find_problems, show_value
 from lgmpc.shipped import config_file, shipped_configs
+from lgmpc.typing import instance
+
+_ASSIGNMENTS = "a list of changes key=value, such as ['mpc.enabled=false']"
 
 
-def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, str]:
+def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> dict[str, str]:
     """Write ``overrides`` into ``data``.
 
     Args:
@@ -29,11 +32,14 @@ def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str,
         The source of every changed key, for messages.
 
     Raises:
+        InputError: if they are no list of texts.
         ConfigError: if one is not ``key=value``, its value is not YAML, or its key passes through a plain value or a
             position that does not exist.
     """
+    instance("overrides", overrides, (list, tuple), _ASSIGNMENTS)
     places: dict[str, str] = {}
     for text in overrides:
+        instance("overrides", text, str, _ASSIGNMENTS)
         key, value = parse_assignment(text)
         try:
             made = write_at(data, key, value)

@@ -19,7 +19,7 @@ from lgmpc.errors import cause_of
 from lgmpc.hardware.realtime import real_time
 from lgmpc.hardware.safety import DeploymentSettings, JointLimits, Operator, Safety
 from lgmpc.timegrid import TimeGrid
-from lgmpc.typing import IntArray
+from lgmpc.typing import IntArray, typed
 
 _LOG = logging.getLogger(__name__)
 _MOST_LATE = 0.1
@@ -127,6 +127,7 @@ class Deployment:
         )
 
 
+@typed
 def deploy(
     driver: Driver,
     controller: interface.Controller,

@@ -6,7 +6,6 @@ undecorated function, for hot loops on float64 arrays that are known to be valid
 
 import functools
 import inspect
-import types
 from collections.abc import Callable
 from typing import Any, ParamSpec, Protocol, TypeVar, cast
 
@@ -15,6 +14,7 @@ import numpy as np
 from lgmpc.errors import InputError
 from lgmpc.lie.coefficients import Array
 from lgmpc.lie.components import rows
+from lgmpc.typing import brief
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -68,41 +68,6 @@ def checked(*checks: Check) -> Callable[[Callable[P, R]], Checked[P, R]]:
     return decorate
 
 
-def typed(function: Callable[P, R]) -> Callable[P, R]:
-    """Check the arguments of a function that are annotated as numbers or by classes, before it runs.
-
-    Raises:
-        InputError: by the function, for an argument of another type or a number that is not finite.
-    """
-    signature = inspect.signature(function)
-
-    @functools.cache
-    def kinds() -> dict[str, Any]:
-        hints = inspect.get_annotations(function, eval_str=True)
-        return {name: kind for name, kind in hints.items() if isinstance(kind, (type, types.UnionType))}
-
-    @functools.wraps(function)
-    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name, value in signature.bind(*args, **kwargs).arguments.items():
-            kind = kinds().get(name)
-            if kind is float:
-                if finite(name, value).ndim:
-                    raise InputError(name, _brief(value), "one real number")
-            elif kind is not None and not _is_a(value, kind):
-                expected = {int: "a whole number", str: "a text"}.get(kind, f"a {getattr(kind, '__name__', kind)}")
-                raise InputError(name, _brief(value), expected)
-        return function(*args, **kwargs)
-
-    return wrapper
-
-
-def _is_a(value: object, kind: Any) -> bool:
-    try:
-        return isinstance(value, (int, np.integer) if kind is int else kind)
-    except TypeError:  # a union with generic types, such as arrays
-        return True
-
-
 def finite(name: str, value: object) -> Array:
     """Convert to a float64 array of finite entries (below 1e100 in size).
 
@@ -115,9 +80,9 @@ def finite(name: str, value: object) -> Array:
     except (TypeError, ValueError):  # ragged lists
         array = None
     if array is None:
-        raise InputError(name, _brief(value), "an array of real numbers")
+        raise InputError(name, brief(value), "an array of real numbers")
     if not (np.abs(array) < LARGEST).all():
-        raise InputError(name, _brief(array), "finite entries, smaller than 1e100 in size")
+        raise InputError(name, brief(array), "finite entries, smaller than 1e100 in size")
     return array
 
 
@@ -202,7 +167,7 @@ def _check_rotation(name: str, array: Array) -> None:
 def _check_bottom(name: str, array: Array) -> None:
     size = array.shape[-1]
     if (np.abs(array[..., 3:, :] - np.eye(size)[3:]) > TOLERANCE).any():
-        raise InputError(name, f"bottom rows {_brief(array[..., 3:, :])}", f"bottom rows of the identity ({size - 3})")
+        raise InputError(name, f"bottom rows {brief(array[..., 3:, :])}", f"bottom rows of the identity ({size - 3})")
 
 
 def _check_skew(name: str, array: Array) -> None:
@@ -214,17 +179,12 @@ def _check_skew(name: str, array: Array) -> None:
 
 def _check_zero_rows(name: str, array: Array) -> None:
     if np.any(np.abs(array[..., 3:, :]) > TOLERANCE):
-        raise InputError(name, f"bottom rows {_brief(array[..., 3:, :])}", "bottom rows of zeros")
+        raise InputError(name, f"bottom rows {brief(array[..., 3:, :])}", "bottom rows of zeros")
 
 
 def _worst(values: Array, target: float) -> float:
     flat = np.ravel(values)
     return float(flat[np.argmax(np.abs(flat - target))])
-
-
-def _brief(value: object) -> str:
-    text = " ".join(str(value).split())
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 rotation = _both(matrix(3), _check_rotation)

@@ -28,10 +28,9 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError, SolverError
 from lgmpc.lie import checks
-from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import frozen
 from lgmpc.mechanics.groups import LieGroup, spatial_momentum
-from lgmpc.typing import Array, numbers
+from lgmpc.typing import Array, numbers, typed
 
 _INPUTS = ["time", "pose", "velocity", "advected", "parameters"]
 

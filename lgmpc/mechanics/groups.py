@@ -22,9 +22,8 @@ from numpy.typing import ArrayLike
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, se3, sek3, so3
-from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3, sek3 as symbolic_sek3, so3 as symbolic_so3
-from lgmpc.typing import Array, numbers
+from lgmpc.typing import Array, numbers, typed
 
 
 @dataclass(frozen=True)

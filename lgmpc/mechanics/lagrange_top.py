@@ -21,13 +21,12 @@ import numpy as np
 
 from lgmpc.errors import InputError
 from lgmpc.lie import checks, so3
-from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_inertia, check_positive
 from lgmpc.mechanics.elliptic import Modulus
 from lgmpc.mechanics.euler_poincare import EulerPoincare
 from lgmpc.mechanics.groups import SO3
 from lgmpc.mechanics.rigid_body import heavy_top
-from lgmpc.typing import Array
+from lgmpc.typing import Array, typed
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.lie import so3
-from lgmpc.lie.checks import typed
 from lgmpc.lie.symbolic import se3 as symbolic_se3, so3 as symbolic_so3
 from lgmpc.mechanics.checks import check_inertia, check_positive, frozen
 from lgmpc.mechanics.euler_poincare import Advected, EulerPoincare, Expression
 from lgmpc.mechanics.groups import SE3, SO3
-from lgmpc.typing import GRAVITY, Array, numbers
+from lgmpc.typing import GRAVITY, Array, numbers, typed
 
 UP = frozen([0.0, 0.0, 1.0])
 """The upward direction, world axes."""

@@ -21,12 +21,11 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import typed
 from lgmpc.mechanics.checks import check_positive, frozen
 from lgmpc.mechanics.euler_poincare import EulerPoincare, Expression, Symbols
 from lgmpc.mechanics.groups import SE3
 from lgmpc.mechanics.rigid_body import SpatialInertia
-from lgmpc.typing import GRAVITY, Array, numbers
+from lgmpc.typing import GRAVITY, Array, numbers, typed
 
 
 def _zeros(*shape: int) -> Callable[[], Array]:

@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 
 from lgmpc.actions import CentroidalAction
-from lgmpc.lie.checks import typed
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference
 from lgmpc.mpc.compiled import NOT_FINITE, OVERFLOWN, SOLVED, CompiledUpdate
 from lgmpc.mpc.interface import MeasuredState
@@ -20,7 +19,7 @@ from lgmpc.robot.friction import chosen_facets
 from lgmpc.settings import NonNegative, Settings, Vector3, key
 from lgmpc.solvers import Solution
 from lgmpc.status import Status
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, typed
 
 
 class CentroidalSteppingWeights(Settings):

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitPhase as GaitPhase
 from lgmpc.problems.flight import (
     FlightSettings as FlightSettings,
@@ -70,6 +69,7 @@ from lgmpc.problems.standing_reach import (
     build_standing_reach as build_standing_reach,
 )
 from lgmpc.robot import Robot
+from lgmpc.typing import typed
 
 
 def _builders() -> Mapping[type[ProblemSettings], Callable[[Robot, Any], Scenario]]:

@@ -21,14 +21,13 @@ from lgmpc.costs import ConstraintItem, CostItem
 from lgmpc.costs.library import Control, FrameRotationMatrix, FrameTranslation, FrameVelocity
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
-from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import MOST_INTERVALS
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.scenario import Controls, ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Robot
 from lgmpc.settings import Finite, Interval, NonNegative, Positive, Settings, Vector3, key, problem as problem_with
 from lgmpc.timegrid import TimeGrid
-from lgmpc.typing import GRAVITY, Array
+from lgmpc.typing import GRAVITY, Array, typed
 
 
 class MultirotorSettings(Settings):

@@ -14,7 +14,6 @@ import numpy as np
 from pydantic import AfterValidator
 
 from lgmpc.costs import CostItem, Parameter, Residual, StageSymbols
-from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import FreeDurations, FreePhase, Trajectory
 from lgmpc.problems import legged
@@ -26,7 +25,7 @@ from lgmpc.problems.motion import com_positions, contact_positions
 from lgmpc.problems.scenario import ProblemSettings, Scenario
 from lgmpc.robot import Robot
 from lgmpc.settings import Interval, NonNegative, Positive, key, problem as problem_with
-from lgmpc.typing import Array
+from lgmpc.typing import Array, typed
 
 _AT_LIMIT = 0.995  # ratio to a limit, or to the beginning of its barrier, from which it counts as reached
 _PHASES = ("takeoff", "flight", "landing")

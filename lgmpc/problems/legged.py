@@ -21,7 +21,6 @@ from lgmpc.actions import ContactForwardDynamics, ImpulseAction, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem, QuadraticBarrier
 from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, FrictionCone, StateError
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import typed
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
@@ -31,7 +30,7 @@ from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSet
 from lgmpc.problems.motion import carry, contact_positions
 from lgmpc.problems.scenario import Scenario, Waypoint
 from lgmpc.robot import Robot
-from lgmpc.typing import Array
+from lgmpc.typing import Array, typed
 
 _FACETS = 8
 SPEED_USED = 0.95

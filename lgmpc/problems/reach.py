@@ -14,14 +14,13 @@ from lgmpc.costs import ConstraintItem, CostItem, library
 from lgmpc.costs.activations import QuadraticBarrier
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude
-from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.motion import frame_placements
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
 from lgmpc.robot import Box, CollisionShape, Robot, Sphere, place_shape
 from lgmpc.robot.collision import AnyShape
 from lgmpc.settings import Count, Interval, NonNegative, Positive, Settings, Vector3, key
-from lgmpc.typing import Array
+from lgmpc.typing import Array, typed
 
 
 class ReachWeights(Settings):

@@ -25,7 +25,6 @@ from lgmpc.costs import ConstraintItem, CostItem, Parameter, Residual, StageSymb
 from lgmpc.costs.library import Control, FrameRotationMatrix
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude, so3
-from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.motion import com_positions, joint_limit_violation, refly, spins, trunk_clearance, trunk_spins
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
@@ -33,7 +32,7 @@ from lgmpc.robot import Robot, leg_clearances
 from lgmpc.robot.actuators import match_joints
 from lgmpc.settings import Count, Finite, Interval, NonNegative, Positive, Settings, Vector3, key
 from lgmpc.timegrid import TimeGrid, minimum_jerk
-from lgmpc.typing import Array
+from lgmpc.typing import Array, typed
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -15,7 +15,6 @@ from lgmpc.actions import Contact, ContactForwardDynamics, MultibodyAction
 from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
 from lgmpc.costs.library import CenterOfPressure, Control, FrictionCone, JointAcceleration, JointPosition, StateError
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import typed
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems import motion
 from lgmpc.problems.legged_settings import ContactGains, gains_of_contacts
@@ -24,7 +23,7 @@ from lgmpc.problems.scenario import Scenario
 from lgmpc.robot import Robot
 from lgmpc.settings import Count, Friction, Interval, NonNegative, Positive, Settings, key, problem
 from lgmpc.support import support_margin
-from lgmpc.typing import Array
+from lgmpc.typing import Array, typed
 
 _MARGIN = 0.02
 """Margin of the joints' references from their limits, rad (m)."""

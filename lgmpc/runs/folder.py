@@ -13,12 +13,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from lgmpc.errors import RunFolderError, nearest
-from lgmpc.lie.checks import typed
 from lgmpc.runs.atomic import atomic_write, reason_of
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.recorded import Recorded
 from lgmpc.runs.result import RESULT_FILE, RunResult, SolveResult, kind_of
 from lgmpc.runs.trajectory import TrajectoryLog
+from lgmpc.typing import typed
 
 A = TypeVar("A", RunLog, TrajectoryLog)
 R = TypeVar("R", RunResult, SolveResult)

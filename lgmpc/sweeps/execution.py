@@ -16,6 +16,7 @@ from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.summary import Summary, summarize
 from lgmpc.sweeps.trial import Task, compute, start_worker, warm
+from lgmpc.typing import typed
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ class FinishedSweep:
         return required("pandas", "a DataFrame of a sweep", "data").DataFrame(rows)
 
 
+@typed
 def run_sweep(
     sweep: Sweep | str | Path | Mapping[str, Any],
     folder: str | Path | None = None,

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from lgmpc.errors import InputError
-from lgmpc.lie.checks import typed
 from lgmpc.robot import Robot
 from lgmpc.status import Status
-from lgmpc.typing import Array
+from lgmpc.typing import Array, instance, typed
 from lgmpc.wbc.assembly import WholeBodyQp
 from lgmpc.wbc.hands import HandMotion, HandTask
 from lgmpc.wbc.library import standard_tasks
@@ -172,6 +171,9 @@ def _weights(settings: Mapping[str, Any], tasks: Mapping[str, Array]) -> dict[st
 
 
 def _by_name(tasks: Sequence[Task]) -> dict[str, Task]:
+    instance("tasks", tasks, (list, tuple), "a list of tasks")
+    for task in tasks:
+        instance("tasks", task, Task, "a list of tasks, such as of classes derived from lgmpc.SymbolicTask")
     named = {task.name: task for task in tasks}
     if len(named) < len(tasks):
         names = [task.name for task in tasks]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lgmpc.errors import InputError
-from lgmpc.typing import Array, BoolArray, IntArray
+from lgmpc.typing import Array, BoolArray, IntArray, instance
 from lgmpc.world.boxes import REACH, Box, Boxes
 from lgmpc.world.heights import HeightField
 from lgmpc.world.surfaces import Plane, Softness, Surface, SurfaceContacts
@@ -41,7 +41,7 @@ class World:
         largest_step: height of the largest step that a robot has to climb or descend, m, and the key that sets it.
 
     Raises:
-        InputError: there is no surface.
+        InputError: there is no surface, or something else than one.
     """
 
     surfaces: tuple[Plane | Box | HeightField, ...] = (Plane(),)
@@ -51,6 +51,9 @@ class World:
     largest_step: tuple[float, str] = (0.0, "")
 
     def __post_init__(self) -> None:
+        instance("surfaces", self.surfaces, (tuple, list), "a Plane, Box or HeightField, or several")
+        for each in self.surfaces:
+            instance("surfaces", each, (Plane, Box, HeightField), "a Plane, Box or HeightField")
         if not self.surfaces:
             raise InputError("surfaces", "none", "at least one surface")
 

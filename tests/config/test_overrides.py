@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
-from lgmpc.config.loading import apply_overrides, load_config
-from lgmpc.errors import ConfigError
+from lgmpc.config.loading import apply_overrides, load_config, load_solve_config
+from lgmpc.errors import ConfigError, InputError
+from lgmpc.sweeps import load_sweep, run_sweep
 from lgmpc.world import FloorSettings, SlopeSettings
 
 
@@ -66,6 +67,18 @@ def test_an_impossible_change_is_one_error_with_its_reason(override: str, messag
     with pytest.raises(ConfigError) as caught:
         changed(override)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize("wrong", [None, "mpc.rate_hz=50", [50], {"mpc.rate_hz": 50}])
+def test_changes_are_a_list_of_texts(wrong: Any) -> None:
+    for load, name in ((load_config, "solo12_balance"), (load_solve_config, "solo12_jump"), (load_sweep, "push_map")):
+        with pytest.raises(InputError, match="overrides: got .*; expected a list of changes key=value"):
+            load(name, wrong)
+
+
+def test_workers_of_a_sweep_are_a_number() -> None:
+    with pytest.raises(InputError, match="workers: got 2; expected a int"):
+        run_sweep("push_map", workers="2")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

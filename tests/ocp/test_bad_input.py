@@ -142,11 +142,11 @@ CASES: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "config's name": (
         lambda: run_config("solo12_balance"),  # type: ignore[arg-type]
-        "config: got str; expected a Config, see lgmpc.load_config",
+        "config: got solo12_balance; expected a Config",
     ),
     "config of another kind": (
         lambda: solve_config(load_config("solo12_balance")),  # type: ignore[arg-type]
-        "config: got Config; expected a SolveConfig, see lgmpc.load_solve_config",
+        r"config: got Config\(.*; expected a SolveConfig",
     ),
     "no item": (lambda: arm([Control(6)]), r"costs\[0\]: got Control; expected a CostItem"),
     "constraint as cost": (lambda: arm([LIMITS]), r"costs\[0\]: got ConstraintItem; expected a CostItem"),

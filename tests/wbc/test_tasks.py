@@ -328,6 +328,9 @@ def test_tasks_that_are_not_written_right_are_refused(solo12):
         WholeBodyController(solo12, WholeBodySettings(), [NoColumn(STIFF, 1.0)])
     with pytest.raises(InputError, match="two called 'com'"):
         WholeBodyController(solo12, WholeBodySettings(), [ComTask(STIFF, 1.0), ComTask(STIFF, 2.0)])
+    for wrong in ("text", ["text"]):
+        with pytest.raises(InputError, match="tasks: got text; expected a list of tasks"):
+            WholeBodyController(solo12, WholeBodySettings(), wrong)
 
 
 def test_swings_of_planar_legs_demand_nothing_normal_to_their_plane(rows_of, random_state):

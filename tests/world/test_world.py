@@ -82,3 +82,6 @@ def test_a_plane_needs_an_upward_unit_normal(normal: tuple[float, float, float])
 def test_a_world_needs_a_surface() -> None:
     with pytest.raises(InputError, match="at least one surface"):
         World(())
+    for wrong in (np.zeros(3), (0.0,), "floor"):
+        with pytest.raises(InputError, match="surfaces: got (ndarray|0.0|floor); expected a Plane, Box or HeightField"):
+            World(wrong)  # type: ignore[arg-type]

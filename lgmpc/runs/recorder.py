@@ -24,7 +24,7 @@ class LogSettings(Settings):
     rate_hz: Positive = key(
         500.0,
         "Saved ticks per second, Hz; divides wbc.rate_hz. Every tick is judged, and in memory until then, whatever the"
-        " rate: at 1 kHz 85 MB a simulated minute of Solo12, 204 of Talos on sensors, two thirds more while judged.",
+        " rate: at 1 kHz 85 MB a simulated minute of Solo12, 195 of Talos on sensors, two thirds more while judged.",
     )
 
 

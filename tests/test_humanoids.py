@@ -60,6 +60,21 @@ def test_a_sole_that_just_touched_down_carries_nothing(legs):
     assert controller.status.usable and np.abs(controller.forces[4:]).max() < 1e-6
 
 
+def test_a_sole_that_stands_on_its_edge_is_laid_down(legs):
+    q, model, data = legs.q_reference.copy(), legs.model, legs.create_data()
+    q[model.joints[model.getJointId("leg_left_6_joint")].idx_q] += 0.05
+    controller = WholeBodyController(legs, WholeBodySettings())
+    heights = controller.sense(q, np.zeros(legs.nv)).contact_points[:4, 2]
+    controller.solve()
+    pin.forwardKinematics(model, data, q, np.zeros(legs.nv), controller.acceleration)
+    rises = [
+        pin.getFrameClassicalAcceleration(model, data, i, pin.LOCAL_WORLD_ALIGNED).linear[2] for i in legs.contact_ids
+    ]
+    assert np.ptp(heights) > 5e-3
+    np.testing.assert_allclose(rises[:4], -400.0 * (heights - heights.min()), atol=0.3)
+    np.testing.assert_allclose(rises[4:], 0.0, atol=0.1)
+
+
 def test_bounds_of_a_foots_force_are_those_of_its_points_together():
     action = CentroidalAction(5, 4, (4, 1))
     p = np.zeros(action.parameters.size)

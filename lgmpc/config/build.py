@@ -104,7 +104,7 @@ def build_controller(
     controller = LeggedController(
         robot,
         _build_whole_body(config, robot),
-        FrictionMonitor(config.wbc.friction, period),
+        FrictionMonitor(config.wbc.friction, period, points=robot.foot_points),
         Planner(robot, mpc, period, delay) if mpc is not None else None,
         commands=CommandTimeline(config.commands, gaits=gaits),
         offset=None if isinstance(config.reference, StandReference) else config.reference,

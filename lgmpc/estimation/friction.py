@@ -8,6 +8,7 @@ import numpy as np
 
 from lgmpc.compile import StageKernel
 from lgmpc.estimation.checks import number
+from lgmpc.robot.soles import FootPoints
 from lgmpc.typing import Array
 
 _LEAST_SHARE = 0.5
@@ -42,6 +43,7 @@ class FrictionMonitor:
         fall_time: s.
         rise_time: s.
         least: the coefficient never falls below this, nor below ``nominal`` if that is smaller.
+        points: of the feet; None for feet of one point.
 
     Attributes:
         coefficient: the present estimate.
@@ -58,6 +60,7 @@ class FrictionMonitor:
         fall_time: float = 0.05,
         rise_time: float = 20.0,
         least: float = 0.1,
+        points: FootPoints | None = None,
     ) -> None:
         numbers = {
             "nominal": nominal,
@@ -70,6 +73,7 @@ class FrictionMonitor:
         for name, value in numbers.items():
             number(name, value, "a positive number", above=0.0)
         self._nominal, self._least = nominal, min(least, nominal)
+        self._points = None if points is None or points.single else points
         self._sliding_speed_squared = sliding_speed**2
         self._fall = math.exp(-period / fall_time)
         self._rise = 1.0 - math.exp(-period / rise_time)
@@ -126,10 +130,18 @@ class FrictionMonitor:
         self._measured[...] = contact_velocities
         self._normals[...] = normals
         self._run()
-        self._before = speeds = self._speeds[:, 0].tolist()
+        patches, velocities = self._points, self._smoothed
+        found = self._speeds[:, 0] if patches is None else np.minimum.reduceat(self._speeds[:, 0], patches.starts)
+        self._before = speeds = found.tolist()
         least = self._sliding_speed_squared
         if self.coefficient == self._nominal and max(speeds) <= least:
             return self.coefficient
+        given, firsts = forces, list(range(len(forces)))
+        if patches is not None:
+            firsts = patches.starts.tolist()
+            forces, normals = patches.total(forces), normals[firsts]
+            settled, velocities = [settled[i] for i in firsts], patches.mean(velocities)
+            stance = None if stance is None else [stance[i] for i in firsts]
         sliding = [foot for foot, speed in enumerate(speeds) if speed > least and settled[foot]]
         if stance is not None and max(speeds) > _FAST**2:
             landed = [i for i, speed in enumerate(speeds) if speed > _FAST**2 and stance[i] and not settled[i]]
@@ -137,8 +149,8 @@ class FrictionMonitor:
             sliding += landed if loads[landed].sum() > _LOAD_SHARE * loads.sum() else []
         faster = [foot for foot in sliding if not before or speeds[foot] >= before[foot]]
         if faster:
-            given = (rows[faster].tolist() for rows in (forces, normals, self._smoothed))
-            slopes = [_slopes(*each) for each in zip(*given, strict=True)]
+            parts = np.split(given, firsts[1:])
+            slopes = [_slopes(*(rows[foot].tolist() for rows in (parts, normals, velocities))) for foot in faster]
             proven = [max(each) for each in slopes if not each[0] < self.coefficient <= each[1]]
             if proven:
                 bound = max(min(proven), _LEAST_SHARE * self.coefficient)
@@ -164,19 +176,24 @@ def _slide() -> ca.Function:
     )
 
 
-def _slopes(force: Sequence[float], normal: Sequence[float], velocity: Sequence[float]) -> tuple[float, float]:
-    """Return tangential over normal force of a foot that slides, infinite for a force that does not press.
+def _slopes(
+    forces: Sequence[Sequence[float]], normal: Sequence[float], velocity: Sequence[float]
+) -> tuple[float, float]:
+    """Return tangential over normal force of a foot that slides, infinite for forces that do not press.
 
     On the believed surface, and on the one nearest to it along which the foot moves.
     """
     out, square = (sum(a * b for a, b in zip(velocity, each, strict=True)) for each in (normal, velocity))
     along = [square * n - out * v for n, v in zip(normal, velocity, strict=True)]
     size = math.hypot(*along)
-    return _slope(force, normal), _slope(force, [each / size for each in along])
+    return _slope(forces, normal), _slope(forces, [each / size for each in along])
 
 
-def _slope(force: Sequence[float], normal: Sequence[float]) -> float:
-    """Return tangential over normal force; infinite for a force that does not press."""
-    (x, y, z), (a, b, c) = force, normal
-    out = a * x + b * y + c * z
-    return math.hypot(x - out * a, y - out * b, z - out * c) / out if out > 0.0 else math.inf
+def _slope(forces: Sequence[Sequence[float]], normal: Sequence[float]) -> float:
+    """Return the sum of the tangential over that of the normal forces; infinite for forces that do not press."""
+    (a, b, c), tangential, pressing = normal, 0.0, 0.0
+    for x, y, z in forces:
+        out = a * x + b * y + c * z
+        tangential += math.hypot(x - out * a, y - out * b, z - out * c)
+        pressing += out
+    return tangential / pressing if pressing > 0.0 else math.inf

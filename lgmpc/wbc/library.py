@@ -16,6 +16,9 @@ from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows
 from lgmpc.wbc.terms import WholeBodyTerms
 
+_FLATTENING = 400.0
+"""1/s2; feedback of the height of a standing sole's points above its lowest one: 100 leaves them rocking."""
+
 
 class ComTask(SymbolicTask):
     """Centre of mass, world axes, m. Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot", 2013."""
@@ -211,7 +214,8 @@ class StanceTask(_FeetTask):
     """The material points in contact do not accelerate, and their velocity is damped; there is no target.
 
     A large weight is used instead of an equality, which would become infeasible together with the torque limits near
-    stretched legs; only velocities are fed back, because a rolling sphere's contact point moves.
+    stretched legs; only velocities are fed back, because a rolling sphere's contact point moves, and of soles the
+    attitude: one that landed on an edge, or was tipped, would stay so, as its points stand still.
     """
 
     name = "stance"
@@ -225,8 +229,13 @@ class StanceTask(_FeetTask):
         return self._contacts(s).velocities()
 
     def error(self, s: StageSymbols) -> Any:
-        """Return zero."""
-        return ca.SX.zeros(self.dim)
+        """Return the way of each point of a sole down to the surface through its lowest one; of point feet, zero."""
+        feet, normals = self._robot.foot_points, ca.reshape(s["normals"], 3, -1)
+        if feet.single:
+            return ca.SX.zeros(self.dim)
+        heights = ca.sum1(normals * ca.reshape(self._contacts(s).positions(), 3, -1)).T
+        lowest = [ca.mmin(heights[i : i + n]) for i, n in zip(feet.starts.tolist(), feet.counts.tolist(), strict=True)]
+        return ca.vec(normals * ca.repmat((ca.vertcat(*feet.spread(lowest)) - heights).T, 3, 1))
 
     def rate(self, s: StageSymbols) -> Any:
         """Return the negative velocity, which is damped."""
@@ -303,7 +312,7 @@ class SwingTask(_FeetTask):
 
 
 TASKS: dict[str, Callable[[Robot, WholeBodySettings], Task]] = {
-    "stance": lambda r, s: StanceTask(r, Gain(kp=0.0, kd=s.gains.stance_damping), s.weights.stance),
+    "stance": lambda r, s: StanceTask(r, Gain(kp=_FLATTENING, kd=s.gains.stance_damping), s.weights.stance),
     "swing": lambda r, s: SwingTask(r, s.gains.swing, s.weights.swing),
     "com": lambda r, s: ComTask(s.gains.com, s.weights.com),
     "base_orientation": lambda r, s: BaseOrientationTask(s.gains.base_orientation, s.weights.base_orientation),

@@ -10,6 +10,7 @@ import pytest
 
 from lgmpc.errors import InputError
 from lgmpc.estimation import FrictionMonitor
+from lgmpc.robot.soles import FootPoints
 
 STANCE = [True, True, True, False]
 FORCES = np.tile([0.0, 6.4, 8.0], (4, 1))
@@ -75,6 +76,18 @@ def test_a_foot_that_rolls_off_an_edge_proves_nothing(tilt: np.ndarray) -> None:
     sinking[1] = tilt @ [0.3, -0.4, -0.25]  # in the axes of the surface once it is turned back
     for _ in range(50):
         assert monitor.update(sinking, STANCE, FORCES @ tilt.T, np.tile(tilt[:, 2], (4, 1))) == 0.6
+
+
+def test_a_sole_slides_if_all_of_its_points_do_under_the_slope_of_their_forces(tilt: np.ndarray) -> None:
+    """One that rocks on a corner moves the others, however little they carry."""
+    monitor = FrictionMonitor(0.6, 1e-3, fall_time=1e6, points=FootPoints((4,), np.zeros((4, 3))))
+    normals, forces = np.tile(tilt[:, 2], (4, 1)), np.array([[3.0, -4.0, 20.0], [0.0, 0.0, 0.0], [0, 5, 5], [0, 0, 0]])
+    rocking = sum(velocities(foot, 1.0) for foot in (1, 2, 3))
+    for speed in (1.0, 2.0):
+        monitor.update(speed * rocking @ tilt.T, [True] * 4, forces @ tilt.T, normals)
+        assert monitor.coefficient == 0.6
+    monitor.update((3.0 * rocking + velocities(0, 1.0)) @ tilt.T, [True] * 4, forces @ tilt.T, normals)
+    assert monitor.coefficient == pytest.approx(10.0 / 25.0)
 
 
 def test_a_foot_on_ground_steeper_than_believed_is_judged_along_its_slide() -> None:

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.linearisation import Expansion, at_zero
+from lgmpc.actions.linearisation import ExpansionSteps, at_zero
 from lgmpc.compile import cached
 from lgmpc.costs import Bounded, Cost, ParameterLayout
 from lgmpc.errors import InputError
@@ -242,7 +242,7 @@ class Action(ABC):
             raise InputError(f"{name} of '{self.name}'", f"shape {shape}", f"shape ({rows}, 1)")
 
     @property
-    def expansion(self) -> Expansion | None:
+    def expansion(self) -> ExpansionSteps | None:
         """The same expansion in steps, for actions that have one."""
         return None
 

@@ -20,7 +20,7 @@ from lgmpc.typing import instance, numbers
 
 
 @dataclass(frozen=True)
-class Motion:
+class DynamicsSolution:
     """Accelerations, efforts and forces at one point.
 
     Attributes:
@@ -61,7 +61,7 @@ class Dynamics(ABC):
         self.nu, self.parameters = nu, parameters
 
     @abstractmethod
-    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> DynamicsSolution:
         """Return the motion at a point.
 
         Args:
@@ -169,7 +169,7 @@ class ContactForwardDynamics(Dynamics):
         parameters += [parameter for load in loads for parameter in load.parameters]
         super().__init__(model, self.actuation.shape[1], tuple(parameters))
 
-    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> DynamicsSolution:
         """Return accelerations and contact forces."""
         robot, contacts, nv = self.robot, self.contacts, self.robot.nv
         solver, flags = contacts.solver(robot, q, values), contacts.flags(values)
@@ -187,7 +187,7 @@ class ContactForwardDynamics(Dynamics):
 
         still = flags * contacts.acceleration(robot, q, v, None, values)
         z = unknowns.define_linear(solver, ca.vertcat(effort - robot.nle(q, v), -still), residual)
-        return Motion(z[:nv], tau, contacts.by_frame(z[nv:], robot, q))
+        return DynamicsSolution(z[:nv], tau, contacts.by_frame(z[nv:], robot, q))
 
 
 class FreeForwardDynamics(Dynamics):
@@ -215,7 +215,7 @@ class FreeForwardDynamics(Dynamics):
         )
         super().__init__(model, nu, parameters)
 
-    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> Motion:
+    def motion(self, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns) -> DynamicsSolution:
         """Return the accelerations."""
         robot, effort = self.robot, self.forces(v, u, values)
 
@@ -223,7 +223,7 @@ class FreeForwardDynamics(Dynamics):
             return robot.rnea(q, v, a) - effort
 
         a = unknowns.define_linear(robot.mass_factor(q), effort - robot.nle(q, v), residual)
-        return Motion(a, (self.actuation @ u)[actuated(self.model)])
+        return DynamicsSolution(a, (self.actuation @ u)[actuated(self.model)])
 
     def forces(self, v: Any, u: Any, values: Mapping[str, Any]) -> Any:
         """Return (nv,) the generalised forces other than gravity and inertial forces."""

@@ -12,7 +12,7 @@ import casadi as ca
 
 from lgmpc.actions.base import Action, Stage
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.linearisation import Expansion, expand_in_steps
+from lgmpc.actions.linearisation import ExpansionSteps, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.costs import Bounded, Cost, CostTerm, LeastSquares, Parameter, ParameterLayout, Quadratic, QuadraticBarrier
 from lgmpc.errors import InputError
@@ -51,7 +51,7 @@ class Stretched(ItemAction):
                 raise InputError(f"activation of '{item.name}'", type(item.activation).__name__, f"one of {names}")
 
     @cached_property
-    def expansion(self) -> Expansion | None:
+    def expansion(self) -> ExpansionSteps | None:
         """The expansion in steps, if the action has one."""
         return None if self.base.expansion is None else expand_in_steps(self)
 

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions.dynamics import Dynamics, FreeForwardDynamics, Motion
+from lgmpc.actions.dynamics import Dynamics, DynamicsSolution, FreeForwardDynamics
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.errors import InputError
 from lgmpc.lie.symbolic import se3, so3
@@ -22,7 +22,7 @@ class Integrator(ABC):
     @abstractmethod
     def step(
         self, dynamics: Dynamics, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns
-    ) -> tuple[Any, Motion]:
+    ) -> tuple[Any, DynamicsSolution]:
         """Return the state (nx,) after ``values["duration"]``, and the motion at its beginning."""
 
     def move(self, v: Any, v_next: Any, values: Mapping[str, Any]) -> Any:
@@ -35,7 +35,7 @@ class SemiImplicitEuler(Integrator):
 
     def step(
         self, dynamics: Dynamics, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns
-    ) -> tuple[Any, Motion]:
+    ) -> tuple[Any, DynamicsSolution]:
         """Return the state after the step, and the motion at its beginning."""
         h = values["duration"]
         motion = dynamics.motion(q, v, u, values, unknowns)
@@ -57,7 +57,7 @@ class RungeKutta4(Integrator):
 
     def step(
         self, dynamics: Dynamics, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns
-    ) -> tuple[Any, Motion]:
+    ) -> tuple[Any, DynamicsSolution]:
         """Return the state after the step, and the motion at its beginning."""
         h, move = values["duration"], dynamics.robot.integrate
         first = dynamics.motion(q, v, u, values, unknowns)
@@ -108,7 +108,7 @@ class Variational(Integrator):
 
     def step(
         self, dynamics: Dynamics, q: Any, v: Any, u: Any, values: Mapping[str, Any], unknowns: Unknowns
-    ) -> tuple[Any, Motion]:
+    ) -> tuple[Any, DynamicsSolution]:
         """Return the state after the step, and the motion at its beginning.
 
         Raises:

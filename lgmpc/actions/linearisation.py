@@ -41,7 +41,7 @@ class Expandable(Protocol):
 
 
 @dataclass(frozen=True)
-class Expansion:
+class ExpansionSteps:
     """The steps of an action's expansion.
 
     They read the columns ``x``, ``u``, ``x_next`` and ``p`` and write, among others, those of :attr:`columns`, matrices
@@ -62,13 +62,13 @@ class Expansion:
     cost: ca.Function
 
 
-def expand_in_steps(action: Expandable) -> Expansion | None:
+def expand_in_steps(action: Expandable) -> ExpansionSteps | None:
     """Return an action's expansion in steps; None if its unknowns are not those of one linear equation."""
     stage = StageSteps(action)
     if stage.equation is None:
         return None
     parts = (*stage.dynamics(stage.equation), *stage.costs(), *stage.constraints())
-    return Expansion(parts, stage.columns, *stage.values(stage.equation))
+    return ExpansionSteps(parts, stage.columns, *stage.values(stage.equation))
 
 
 def at_zero(expressions: list[Any], dx: Any) -> list[Any]:

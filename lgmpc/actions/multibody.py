@@ -14,7 +14,7 @@ from lgmpc.actions.contacts import Contact, ContactSet
 from lgmpc.actions.dynamics import Dynamics, actuated
 from lgmpc.actions.implicit import Unknowns
 from lgmpc.actions.integrators import Integrator, SemiImplicitEuler
-from lgmpc.actions.linearisation import Expansion, expand_in_steps
+from lgmpc.actions.linearisation import ExpansionSteps, expand_in_steps
 from lgmpc.costs import (
     Bounded,
     ConstraintItem,
@@ -72,7 +72,7 @@ class ItemAction(Action):
         self.own_parameters = sum(parameter.size for parameter in own)
 
     @cached_property
-    def expansion(self) -> Expansion | None:
+    def expansion(self) -> ExpansionSteps | None:
         """The expansion in steps; None where it has other unknowns than those of one linear equation."""
         return expand_in_steps(self)
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from lgmpc.actions.base import Action, Stage
 from lgmpc.actions.implicit import Unknowns
-from lgmpc.actions.linearisation import Expansion, expand_in_steps
+from lgmpc.actions.linearisation import ExpansionSteps, expand_in_steps
 from lgmpc.actions.multibody import ItemAction
 from lgmpc.actions.python_action import PythonAction, StageDerivatives
 from lgmpc.costs import Bounded, Cost, CostTerm, Parameter, ParameterLayout, QuadraticBarrier
@@ -47,7 +47,7 @@ class PenalizedAction(ItemAction):
             self.robot, self.own_parameters = action.robot, action.own_parameters
 
     @cached_property
-    def expansion(self) -> Expansion | None:
+    def expansion(self) -> ExpansionSteps | None:
         """The expansion in steps, if the action has one: its dynamics are the same functions."""
         return None if self.base.expansion is None else expand_in_steps(self)
 

@@ -14,7 +14,7 @@ from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.settings import gaits_of
 from lgmpc.robot import Robot, load_robot
 from lgmpc.robot.checks import point_masses
-from lgmpc.runs.limited import DriveLine, JointLimits
+from lgmpc.runs.limited import DriveLine, UnloggedLimits
 from lgmpc.simulation.drives import ActuatorSettings
 from lgmpc.simulation.initial import initial_state
 
@@ -50,7 +50,7 @@ def build_robot(config: Config) -> Robot:
     return robot
 
 
-def joint_limits(robot: Robot, drives: ActuatorSettings) -> JointLimits:
+def joint_limits(robot: Robot, drives: ActuatorSettings) -> UnloggedLimits:
     """Return the limits of joints that a log does not contain.
 
     Args:
@@ -59,7 +59,7 @@ def joint_limits(robot: Robot, drives: ActuatorSettings) -> JointLimits:
     """
     stall, no_load = drives.stall_torque_nm, drives.no_load_speed_rad_s
     line = None if stall is None or no_load is None else DriveLine(stall, no_load)
-    return JointLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit, line)
+    return UnloggedLimits(robot.joint_lower, robot.joint_upper, robot.velocity_limit, line)
 
 
 def _misfits(config: Config, robot: Robot) -> Iterator[ConfigError]:

@@ -62,7 +62,7 @@ OCCUPIED, ANOTHER_SECRET, ANOTHER_ROBOT = 1, 2, 3
 _TAG, _MOST_FEET = 16, 64
 
 
-class Layout:
+class PacketLayout:
     """Packets of a robot with ``nu`` joints.
 
     Packets of another layout, of another number of joints, with numbers that are not finite, or with a tag of another

@@ -20,7 +20,7 @@ from lgmpc.hardware.packets import (
     NONCE,
     OCCUPIED,
     VERSION,
-    Layout,
+    PacketLayout,
     read_secret,
     warn_of_network,
 )
@@ -61,7 +61,7 @@ class UdpDriver:
         address: host and port of the robot.
         nu: number of joints.
         secret: shared with the robot; :func:`lgmpc.hardware.packets.read_secret` unless given.
-        robot: for which robot, see :class:`lgmpc.hardware.packets.Layout`.
+        robot: for which robot, see :class:`lgmpc.hardware.packets.PacketLayout`.
 
     Attributes:
         ignored: number of packets that were not a measurement.
@@ -71,7 +71,7 @@ class UdpDriver:
     """
 
     def __init__(self, address: tuple[str, int], nu: int, secret: bytes | None = None, robot: str = "") -> None:
-        self._layout = Layout(nu, read_secret() if secret is None else secret, robot)
+        self._layout = PacketLayout(nu, read_secret() if secret is None else secret, robot)
         self._nu, self._number, self._commands, self.ignored = nu, -1, 0, 0
         self._nonce, self._silent, self._met = secrets.token_bytes(NONCE), True, False
         self._answered, self._command = -1, Command.damping(np.zeros(nu), np.zeros(nu), 0.0)
@@ -135,7 +135,7 @@ class UdpDriver:
         self.ignored += 1
         if self._met:
             return
-        other, refused = Layout.other_version(packet), self._layout.read_refusal(packet)
+        other, refused = PacketLayout.other_version(packet), self._layout.read_refusal(packet)
         if other is not None:
             raise InputError("robot", f"packets of version {other}", f"packets of version {VERSION}")
         if refused is not None:
@@ -160,7 +160,7 @@ class UdpRobot:
         host: address to listen at.
         port: port to listen at; 0 takes any free one.
         secret: shared with the controllers; :func:`lgmpc.hardware.packets.read_secret` unless given.
-        robot: which robot it is, see :class:`lgmpc.hardware.packets.Layout`.
+        robot: which robot it is, see :class:`lgmpc.hardware.packets.PacketLayout`.
 
     Attributes:
         place: host and port, as text.
@@ -173,7 +173,7 @@ class UdpRobot:
     def __init__(
         self, nu: int, host: str = LOCALHOST, port: int = 0, secret: bytes | None = None, robot: str = ""
     ) -> None:
-        self._layout = Layout(nu, read_secret() if secret is None else secret, robot)
+        self._layout = PacketLayout(nu, read_secret() if secret is None else secret, robot)
         self._number = self._last = -1
         self.forged = 0
         self._measurement: Measurement | None = None
@@ -253,7 +253,7 @@ class UdpRobot:
                 yield found[1:]
                 continue
             self.forged += 1
-            other = Layout.other_version(packet)
+            other = PacketLayout.other_version(packet)
             if other is not None and other not in self._refused:
                 self._refused.add(other)
                 _LOG.warning("a controller is refused: its packets are of version %d, not %d", other, VERSION)

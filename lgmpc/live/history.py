@@ -19,7 +19,7 @@ _KEPT_S = 30.0
 """Length of what can be looked at again, s of the clock."""
 
 
-class History:
+class PictureHistory:
     """The last pictures of a run, as a log.
 
     Args:

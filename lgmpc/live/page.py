@@ -16,7 +16,7 @@ from lgmpc.config.robots import build_robot
 from lgmpc.lie import attitude, quaternion
 from lgmpc.live.canvas import ROOT, LiveScene, rgb, wxyz
 from lgmpc.live.controls import SettingControls, add_worlds
-from lgmpc.live.history import History
+from lgmpc.live.history import PictureHistory
 from lgmpc.live.pad import Axes, Pad
 from lgmpc.live.wishes import Note, Order, OrderName, Pace, Pull, Restart, Save, Started, Tune
 from lgmpc.locomotion.command import CommandEntry
@@ -284,7 +284,7 @@ class Page:
 
     # What the run says
 
-    def begin(self, started: Started, history: "History") -> None:
+    def begin(self, started: Started, history: "PictureHistory") -> None:
         """Show another run."""
         scene, world = self._scene, history.world
         scene.remove("/ground")
@@ -331,7 +331,7 @@ class Page:
         """Let go of what is held on a page that has fallen silent; called all the time."""
         self._pad.watch()
 
-    def draw(self, history: "History") -> None:
+    def draw(self, history: "PictureHistory") -> None:
         """Draw the last picture, or the one that is looked back at."""
         if not self._server.get_clients():
             return
@@ -348,7 +348,7 @@ class Page:
             self._plotted_at = now
             self._plot(history.log(last, _PLOTTED, _PLOTTED_EVERY))
 
-    def _draw(self, log: RunLog, extras: Array, history: "History") -> None:
+    def _draw(self, log: RunLog, extras: Array, history: "PictureHistory") -> None:
         scene, frames = self._scene, Frames(np.zeros(1), np.array([log.ticks - 1]))
         self._body.animate(scene, frames.times, log.q[-1:])
         world = history.world

@@ -187,7 +187,7 @@ def _serve(server: "viser.ViserServer", pipe: Connection) -> None:
     Raises:
         EOFError: the loop's end of the pipe has been closed.
     """
-    from lgmpc.live.history import History
+    from lgmpc.live.history import PictureHistory
     from lgmpc.live.page import Page
     from lgmpc.live.ring import PICTURE_S
     from lgmpc.live.wishes import Note, Started, Tune
@@ -204,7 +204,7 @@ def _serve(server: "viser.ViserServer", pipe: Connection) -> None:
                         history.close()
                         history = None
                     with suppress(FileNotFoundError):  # a run that is over already
-                        history = History(page.robot, message)
+                        history = PictureHistory(page.robot, message)
                         page.begin(message, history)
                 elif page is not None and isinstance(message, Tune):
                     page.tuned(message)

@@ -202,7 +202,7 @@ class CommandLimits(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Ramp:
+class VelocityRamp:
     """The remaining change of a limited velocity, at constant acceleration.
 
     Attributes:
@@ -215,14 +215,14 @@ class Ramp:
     ay: float = 0.0
     duration: float = 0.0
 
-    def turned(self, angle: float) -> "Ramp":
+    def turned(self, angle: float) -> "VelocityRamp":
         """Return the same in axes that are turned by minus ``angle``, rad."""
         if self.duration == 0.0:
             return self
-        return Ramp(*attitude.turn(angle, self.ax, self.ay), self.duration)
+        return VelocityRamp(*attitude.turn(angle, self.ax, self.ay), self.duration)
 
 
-_NO_RAMP = Ramp()
+_NO_RAMP = VelocityRamp()
 
 
 class CommandLimiter:
@@ -268,7 +268,7 @@ class CommandLimiter:
         step = rate * dt
         if change > step:
             vx, vy = now.vx + dx * step / change, now.vy + dy * step / change
-            self.ramp = Ramp(dx * rate / change, dy * rate / change, (change - step) / rate)
+            self.ramp = VelocityRamp(dx * rate / change, dy * rate / change, (change - step) / rate)
         rate = max(-most.yaw_rate_rad_s, min(most.yaw_rate_rad_s, command.yaw_rate))
         self.command = MotionCommand(
             vx,

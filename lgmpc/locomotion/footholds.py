@@ -32,7 +32,7 @@ from pydantic import Field
 
 from lgmpc.lie import attitude
 from lgmpc.locomotion.clock import GaitClock
-from lgmpc.locomotion.command import Ramp
+from lgmpc.locomotion.command import VelocityRamp
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.terrain import TerrainBelief
 from lgmpc.settings import Fraction, NonNegative, Settings, key
@@ -112,7 +112,7 @@ class BaseMotion:
     commanded_vy: float = 0.0
     error_x: float = 0.0
     error_y: float = 0.0
-    ramp: Ramp = Ramp()
+    ramp: VelocityRamp = VelocityRamp()
     height: float = 0.0
     friction: float = math.inf
     rise_ahead: float = 0.0

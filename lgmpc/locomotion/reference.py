@@ -11,7 +11,7 @@ import numpy as np
 
 from lgmpc.compile import StageKernel
 from lgmpc.lie import attitude, quaternion
-from lgmpc.locomotion.command import MotionCommand, Ramp
+from lgmpc.locomotion.command import MotionCommand, VelocityRamp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.terrain import TerrainBelief
@@ -22,7 +22,7 @@ from lgmpc.typing import Array
 
 _LEAD_SHARE = 0.1
 _DRAWN_S = 0.5  # about a step
-_CONSTANT = Ramp()
+_CONSTANT = VelocityRamp()
 
 
 class ReferenceSettings(Settings):
@@ -165,7 +165,7 @@ class ReferenceBuilder:
         command: MotionCommand,
         grid: TimeGrid,
         ground: TerrainBelief,
-        ramp: Ramp | None = None,
+        ramp: VelocityRamp | None = None,
     ) -> None:
         """Write the motion at the nodes of a horizon that begins now.
 

@@ -9,6 +9,6 @@ from lgmpc.ocp.numdiff import (
     check_derivatives as check_derivatives,
 )
 from lgmpc.ocp.problem import ShootingProblem as ShootingProblem, Trajectory as Trajectory
-from lgmpc.ocp.quadratic import Block as Block, OcpQp as OcpQp, OcpQpStructure as OcpQpStructure
+from lgmpc.ocp.quadratic import OcpQp as OcpQp, OcpQpStructure as OcpQpStructure, StoredBlock as StoredBlock
 from lgmpc.ocp.shooting import ShootingFunctions as ShootingFunctions
 from lgmpc.ocp.transcription import MultipleShooting as MultipleShooting, transcribe as transcribe

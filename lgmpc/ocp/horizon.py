@@ -10,7 +10,7 @@ import numpy as np
 from lgmpc.actions import Action
 from lgmpc.compile import Pipeline, PipelineStep
 from lgmpc.ocp.problem import ShootingProblem
-from lgmpc.ocp.quadratic import Block, OcpQpStructure
+from lgmpc.ocp.quadratic import OcpQpStructure, StoredBlock
 from lgmpc.state import State
 from lgmpc.typing import Array
 
@@ -135,7 +135,7 @@ class StageMatrices:
         self._matrices = _padded(found, action.nu if nu is None else nu, rows if ng is None else ng)
         self.patterns = {name: matrix.sparsity() for name, matrix in self._matrices.items()}
 
-    def packed(self, blocks: Mapping[str, Block]) -> ca.Function | Pipeline:
+    def packed(self, blocks: Mapping[str, StoredBlock]) -> ca.Function | Pipeline:
         """Return ``(x, u, x_next, p) -> values`` with the entries of all blocks."""
         column = _packed(self._matrices, blocks)
         return self._evaluation(f"values_{column.numel()}", {"values": column})
@@ -210,7 +210,7 @@ def structure_of(stages: Sequence[StageMatrices], terminal: Action, nodes: int) 
     return OcpQpStructure(nodes, ndx, nu, ng, blocks, last_blocks, size, last_size)
 
 
-def pack_terminal(terminal: Action, blocks: Mapping[str, Block]) -> ca.Function:
+def pack_terminal(terminal: Action, blocks: Mapping[str, StoredBlock]) -> ca.Function:
     """Return ``(x, p) -> values`` of the terminal cost."""
     function = terminal.terminal_quadratic_function
     inputs = symbols_of(function)
@@ -219,7 +219,7 @@ def pack_terminal(terminal: Action, blocks: Mapping[str, Block]) -> ca.Function:
     return ca.Function(name, inputs, [column], function.name_in(), ["values"])
 
 
-def _packed(matrices: Mapping[str, Any], blocks: Mapping[str, Block]) -> Any:
+def _packed(matrices: Mapping[str, Any], blocks: Mapping[str, StoredBlock]) -> Any:
     """Return the entries of all blocks in one column."""
     entries = [ca.vec(ca.project(matrices[name], block.sparsity()).nz[:]) for name, block in blocks.items()]
     return ca.densify(ca.vertcat(*entries))
@@ -250,12 +250,12 @@ def _padded(m: dict[str, Any], nu: int, ng: int) -> dict[str, Any]:
     return {name: m[name] for name in _STAGE}
 
 
-def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]]) -> tuple[dict[str, Block], int]:
+def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]]) -> tuple[dict[str, StoredBlock], int]:
     """Return each block's stored entries, all that are not structurally zero in one of the patterns, and their number.
 
     Vectors are stored whole, so that they can be viewed as arrays.
     """
-    blocks: dict[str, Block] = {}
+    blocks: dict[str, StoredBlock] = {}
     start = 0
     for name, first in patterns[0].items():
         pattern = first
@@ -264,6 +264,6 @@ def _blocks(patterns: Sequence[Mapping[str, ca.Sparsity]]) -> tuple[dict[str, Bl
         if name not in _MATRICES:
             pattern = ca.Sparsity.dense(*pattern.shape)
         rows, columns = (np.array(index, dtype=np.int64) for index in pattern.get_triplet())
-        blocks[name] = Block(pattern.shape, rows, columns, slice(start, start + rows.size))
+        blocks[name] = StoredBlock(pattern.shape, rows, columns, slice(start, start + rows.size))
         start += rows.size
     return blocks, start

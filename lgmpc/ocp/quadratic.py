@@ -18,7 +18,7 @@ from lgmpc.typing import Array, IntArray
 
 
 @dataclass(frozen=True)
-class Block:
+class StoredBlock:
     """The places where a matrix's entries are stored.
 
     Attributes:
@@ -62,8 +62,8 @@ class OcpQpStructure:
     ndx: int
     nu: int
     ng: int
-    blocks: dict[str, Block]
-    terminal_blocks: dict[str, Block]
+    blocks: dict[str, StoredBlock]
+    terminal_blocks: dict[str, StoredBlock]
     size: int
     terminal_size: int
 

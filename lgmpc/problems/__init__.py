@@ -33,8 +33,8 @@ from lgmpc.problems.flight import (
 )
 from lgmpc.problems.footsteps import (
     BaseLeap as BaseLeap,
-    BaseMotion as BaseMotion,
     BasePath as BasePath,
+    BaseProfile as BaseProfile,
     Footsteps as Footsteps,
 )
 from lgmpc.problems.free_jump import FreeJumpSettings as FreeJumpSettings, build_free_jump as build_free_jump

@@ -14,7 +14,7 @@ from lgmpc.robot.feet import UP
 from lgmpc.typing import Array, numbers
 
 
-class BaseMotion(Protocol):
+class BaseProfile(Protocol):
     """The commanded motion of the base: at rest before ``start`` and after ``stop``."""
 
     @property
@@ -189,7 +189,7 @@ class Footsteps:
     swings: tuple[tuple[SwingCurve, ...], ...]
 
     @classmethod
-    def plan(cls, gait: GaitSequence, motion: BaseMotion, start: ArrayLike, origin: ArrayLike) -> "Footsteps":
+    def plan(cls, gait: GaitSequence, motion: BaseProfile, start: ArrayLike, origin: ArrayLike) -> "Footsteps":
         """Return footsteps whose footholds are the nominal foot positions at the middle of each stance.
 
         Nominal positions are fixed to the base; the leg is as far ahead at touchdown as behind at lift-off (Raibert,
@@ -221,7 +221,7 @@ class Footsteps:
         return points
 
 
-def _swings(gait: GaitSequence, motion: BaseMotion, foot: str, start: Array, base: Array) -> tuple[SwingCurve, ...]:
+def _swings(gait: GaitSequence, motion: BaseProfile, foot: str, start: Array, base: Array) -> tuple[SwingCurve, ...]:
     swings, here, curves = gait.swings(foot), start, []
     for i, swing in enumerate(swings):
         if not (math.isfinite(swing.liftoff) and math.isfinite(swing.touchdown)):

@@ -18,7 +18,7 @@ from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import FreeDurations, FreePhase, Trajectory
 from lgmpc.problems import legged
 from lgmpc.problems.footsteps import BaseLeap, Footsteps
-from lgmpc.problems.ground import Ground
+from lgmpc.problems.ground import ProblemGround
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_settings import JumpWeights, LeggedSettings
 from lgmpc.problems.motion import com_positions, contact_positions
@@ -88,7 +88,7 @@ def build_free_jump(robot: Robot, settings: FreeJumpSettings | None = None) -> S
     """
     s = FreeJumpSettings() if settings is None else settings
     legged.check_legged(robot)
-    scale, ground = legged.LeggedScale.of(robot), Ground(s.ground())
+    scale, ground = legged.LeggedScale.of(robot), ProblemGround(s.ground())
     start = contact_positions(robot, robot.x_reference[None])[0]
 
     def planned(takeoff: float, flight: float, landing: float) -> tuple[GaitSequence, BaseLeap, Footsteps]:

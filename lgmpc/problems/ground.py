@@ -129,7 +129,7 @@ class GroundDistance(Residual):
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class ProblemGround:
     """A world of planes and boxes, and the place where a robot starts on it.
 
     Attributes:

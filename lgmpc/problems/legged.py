@@ -23,8 +23,8 @@ from lgmpc.costs.library import Control, FrameTranslation, FrameVelocity, Fricti
 from lgmpc.errors import InputError
 from lgmpc.locomotion.sequence import GaitGrid, GaitSequence
 from lgmpc.ocp import ShootingProblem, Trajectory
-from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps
-from lgmpc.problems.ground import BodySpheres, Ground, GroundDistance
+from lgmpc.problems.footsteps import BaseLeap, BasePath, BaseProfile, Footsteps
+from lgmpc.problems.ground import BodySpheres, GroundDistance, ProblemGround
 from lgmpc.problems.legged_figures import LeggedFigures
 from lgmpc.problems.legged_settings import GaitSettings, JumpSettings, LeggedSettings, LeggedWeights, gains_of_contacts
 from lgmpc.problems.motion import carry, contact_positions
@@ -75,7 +75,9 @@ def build_jump(robot: Robot, settings: JumpSettings | None = None) -> Scenario:
 
 
 @typed
-def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion, settings: LeggedSettings) -> Scenario:
+def build_legged(
+    name: str, robot: Robot, gait: GaitSequence, motion: BaseProfile, settings: LeggedSettings
+) -> Scenario:
     """Return the problem of any gait along any motion of the base.
 
     The guess is the reference posture moved with the base, and the torques that balance it at rest.
@@ -95,7 +97,7 @@ def build_legged(name: str, robot: Robot, gait: GaitSequence, motion: BaseMotion
         raise InputError("gait.feet", ", ".join(gait.feet), f"the contact frames ({', '.join(robot.contact_frames)})")
     grid = gait.grid(settings.step_s)
     start = contact_positions(robot, robot.x_reference[None])[0]
-    ground = Ground(settings.ground())
+    ground = ProblemGround(settings.ground())
     steps = ground.laid(Footsteps.plan(gait, motion, start, robot.q_reference[:3]), robot.foot_points.radius)
     reference = reference_states(robot, motion, grid.times, ground, steps)
     problem = legged_problem(robot, grid, reference, steps, settings, ground)
@@ -127,7 +129,7 @@ def check_legged(robot: Robot) -> None:
         raise InputError("robot", f"{robot.name} with continuous joints", "joints of one angle each, which have limits")
 
 
-def reference_states(robot: Robot, motion: BaseMotion, times: Array, ground: Ground, steps: Footsteps) -> Array:
+def reference_states(robot: Robot, motion: BaseProfile, times: Array, ground: ProblemGround, steps: Footsteps) -> Array:
     """Return (N+1, nx) the reference posture moved with the base, from the start, raised as the footsteps are."""
     states = np.tile(robot.x_reference, (len(times), 1))
     position, turn = robot.q_reference[:3], np.asarray(pin.Quaternion(robot.q_reference[3:7]).matrix())
@@ -212,7 +214,7 @@ def legged_problem(
     reference: Array,
     steps: Footsteps,
     settings: LeggedSettings,
-    ground: Ground,
+    ground: ProblemGround,
     more: Sequence[CostItem] = (),
 ) -> ShootingProblem:
     """Return the problem.

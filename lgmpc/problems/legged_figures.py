@@ -11,7 +11,7 @@ from lgmpc.locomotion.sequence import GaitGrid
 from lgmpc.ocp import Trajectory
 from lgmpc.problems import motion
 from lgmpc.problems.footsteps import Footsteps
-from lgmpc.problems.ground import BodySpheres, Ground
+from lgmpc.problems.ground import BodySpheres, ProblemGround
 from lgmpc.robot import Robot
 from lgmpc.typing import Array, BoolArray
 
@@ -34,7 +34,7 @@ class LeggedFigures:
     steps: Footsteps
     goal: Array
     friction: float
-    ground: Ground
+    ground: ProblemGround
 
     def measure(self, trajectory: Trajectory) -> dict[str, float]:
         """Return all figures by name, which ends in the unit.

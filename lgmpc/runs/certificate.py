@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lgmpc.runs.limited import JointLimits, Limited, Nearest, hardware_quantities, highest, joint_power
+from lgmpc.runs.limited import Limited, Nearest, UnloggedLimits, hardware_quantities, highest, joint_power
 from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
 from lgmpc.runs.modes import LOW_MODES, fallen_ticks
 from lgmpc.typing import Array, IntArray
@@ -72,7 +72,7 @@ def window_edges(log: RunLog) -> IntArray:
 
 
 def certify(
-    log: RunLog, joints: JointLimits, balances: Balances | None = None, stiffness: float = math.inf
+    log: RunLog, joints: UnloggedLimits, balances: Balances | None = None, stiffness: float = math.inf
 ) -> Certificate:
     """Check a run, up to its first fall.
 
@@ -101,7 +101,7 @@ def certify(
 
 
 def _quantities(
-    log: RunLog, joints: JointLimits, balances: Balances | None, stiffness: float
+    log: RunLog, joints: UnloggedLimits, balances: Balances | None, stiffness: float
 ) -> Iterator[tuple[Limited, Array]]:
     """Yield the checked quantities and the times of their values."""
     feet = tuple(log.contact_frames.tolist())

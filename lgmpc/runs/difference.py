@@ -13,7 +13,7 @@ _DURATIONS = ("wbc_ms", "mpc_ms", "estimate_ms", "forecast_ms")
 
 
 @dataclass(frozen=True)
-class Difference:
+class LogDifference:
     """The first entry in which two logs differ.
 
     Attributes:
@@ -35,7 +35,7 @@ class Difference:
         return f"{where} in {self.channel}: {self.first!r} became {self.second!r}"
 
 
-def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) -> Difference | None:
+def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) -> LogDifference | None:
     """Return the earliest difference of two logs of one robot; ``None`` if all channels except durations are equal.
 
     Of several channels that differ at one time, the first in the order of :class:`~lgmpc.runs.log.RunLog` is returned.
@@ -57,18 +57,18 @@ def first_difference(first: RunLog, second: RunLog, *, until_s: float = np.inf) 
                 found += _in_channel(name, one[:count], other[:count], time)
         if a != b:
             last = float(time[min(a, b)])
-            found.append(Difference(min(a, b), last, times, *((last, np.nan) if a > b else (np.nan, last))))
+            found.append(LogDifference(min(a, b), last, times, *((last, np.nan) if a > b else (np.nan, last))))
     return min(found, key=lambda each: each.time_s, default=None)
 
 
-def _in_channel(name: str, a: Array, b: Array, time: Array) -> list[Difference]:
+def _in_channel(name: str, a: Array, b: Array, time: Array) -> list[LogDifference]:
     """Return the first difference of two (n, ...) arrays: NaN equals itself, zeros of two signs differ."""
     if a.shape != b.shape:
-        return [Difference(0, float(time[0]), f"{name} (shape)", float(a[0].size), float(b[0].size))]
+        return [LogDifference(0, float(time[0]), f"{name} (shape)", float(a[0].size), float(b[0].size))]
     bits = [np.ascontiguousarray(each).view(np.int64) if each.dtype == np.float64 else each for each in (a, b)]
     different: BoolArray = bits[0] != bits[1]
     if not different.any():
         return []
     at = tuple(int(each) for each in np.unravel_index(int(np.argmax(different)), different.shape))
     element = "".join(f"[{each}]" for each in at[1:])
-    return [Difference(at[0], float(time[at[0]]), f"{name}{element}", float(a[at]), float(b[at]))]
+    return [LogDifference(at[0], float(time[at[0]]), f"{name}{element}", float(a[at]), float(b[at]))]

@@ -291,7 +291,7 @@ def _reached(log: RunLog, quantity: Limited) -> Iterator[Event]:
         reached = _held(reached, np.isnan(used))
     elif quantity.name == "slip":
         kind = EventKind.CONTACT
-    for a, b in _episodes(log.time, reached.any(axis=1)):
+    for a, b in _episodes(log.time, np.asarray(reached.any(axis=1))):
         if kind is EventKind.LIMIT and reached[a:b].sum(axis=0).max() * _period(log) < _BRIEF_S:
             continue
         words = _beyond(log, quantity, reached, (a, b))

@@ -15,7 +15,7 @@ from lgmpc.runs.atomic import json_values
 from lgmpc.runs.events import Event, EventKind, find_events
 from lgmpc.runs.folder import CONFIG_FILE, Run
 from lgmpc.runs.gate import Gate, Outcome
-from lgmpc.runs.limited import JointLimits, Limited, Nearest, gate_figures, limited_quantities
+from lgmpc.runs.limited import Limited, Nearest, UnloggedLimits, gate_figures, limited_quantities
 from lgmpc.runs.log import RunLog
 from lgmpc.runs.modes import fallen_ticks
 
@@ -76,7 +76,7 @@ class Explanation:
         return cast("dict[str, Any]", json_values(content))
 
 
-def explain_run(run: Run, gate: Gate, joints: JointLimits | None = None) -> Explanation:
+def explain_run(run: Run, gate: Gate, joints: UnloggedLimits | None = None) -> Explanation:
     """Find the events that led to a run's failure, and its smallest margins.
 
     Args:

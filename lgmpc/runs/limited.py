@@ -52,7 +52,7 @@ class DriveLine(NamedTuple):
         return torque * self.no_load * (1.0 - torque / self.stall)
 
 
-class JointLimits(NamedTuple):
+class UnloggedLimits(NamedTuple):
     """Limits of the joints that the log does not contain.
 
     Attributes:
@@ -191,7 +191,7 @@ def joint_power(log: RunLog) -> Array:
     return power
 
 
-def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Limited]:
+def hardware_quantities(log: RunLog, joints: UnloggedLimits | None) -> Iterator[Limited]:
     """Yield torques and, with their limits, speeds, positions and mechanical powers of the joints."""
     names = tuple(log.joint_names.tolist())
     if not names:
@@ -207,7 +207,7 @@ def hardware_quantities(log: RunLog, joints: JointLimits | None) -> Iterator[Lim
         yield highest("power", "W", names, joint_power(log), joints.line.power(log.effort_limit_over_time))
 
 
-def limited_quantities(log: RunLog, gate: Gate, joints: JointLimits | None = None) -> Iterator[Limited]:
+def limited_quantities(log: RunLog, gate: Gate, joints: UnloggedLimits | None = None) -> Iterator[Limited]:
     """Yield the quantities of a run with limits: joints, friction cones, capture point, attitude, gated figures.
 
     Args:
@@ -271,7 +271,7 @@ def highest(
     return Limited(name, unit, subjects, values, limits, limits - values, limits, judged)
 
 
-def _positions(names: tuple[str, ...], angles: Array, joints: JointLimits) -> Limited:
+def _positions(names: tuple[str, ...], angles: Array, joints: UnloggedLimits) -> Limited:
     below, above = angles - joints.lower, joints.upper - angles
     limits, margins = np.where(below < above, joints.lower, joints.upper), np.minimum(below, above)
     margins[np.isinf(margins)] = np.nan

@@ -15,7 +15,7 @@ from lgmpc.sweeps.folder import SweepFolder
 from lgmpc.sweeps.pool import Died, Hung, Pool, available_cores
 from lgmpc.sweeps.rows import Ending, Row
 from lgmpc.sweeps.summary import Summary, summarize
-from lgmpc.sweeps.trial import Task, compute, start_worker, warm
+from lgmpc.sweeps.trial import Trial, compute, start_worker, warm
 from lgmpc.typing import typed
 
 
@@ -167,14 +167,14 @@ class _Session:
                 self._save(task, result)
             self._progress(self.now)
 
-    def _tasks(self) -> Iterator[Task]:
+    def _tasks(self) -> Iterator[Trial]:
         settings = self._settings
         for key, point in self._points.items():
             if key not in self._folder.rows:
                 scratch = self._folder.scratch(key).resolve()
-                yield Task(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
+                yield Trial(key, point.config, settings.bisect, settings.metrics, scratch, settings.memory_limit_gb)
 
-    def _save(self, task: Task, result: Row | Exception) -> None:
+    def _save(self, task: Trial, result: Row | Exception) -> None:
         point = self._points[task.key]
         if isinstance(result, Exception):
             ending = {Hung: Ending.HUNG, Died: Ending.DIED}.get(type(result), Ending.RAISED)

@@ -21,7 +21,7 @@ from lgmpc.sweeps.settings import BisectionSettings
 
 
 @dataclass(frozen=True)
-class Task:
+class Trial:
     """The data of a point that a worker receives.
 
     Attributes:
@@ -61,7 +61,7 @@ def warm(config: Config) -> None:
         prepare(config)
 
 
-def compute(task: Task) -> Row:
+def compute(task: Trial) -> Row:
     """Run a point, or search its boundary; exceptions become the reason of its row.
 
     Raises:
@@ -97,7 +97,7 @@ def compute(task: Task) -> Row:
     return replace(row, simulated_s=simulated_s, elapsed_s=perf_counter() - started)
 
 
-def _judged(task: Task, run: FinishedRun) -> Row:
+def _judged(task: Trial, run: FinishedRun) -> Row:
     """Return the row of a single run."""
     verdict, measured = run.result.verdict, run.result.metrics
     metrics = {} if measured is None else flat_metrics(measured)

@@ -59,7 +59,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Contacts:
+class ContactMarks:
     """Contacts of a robot at the times of k pictures.
 
     Attributes:

@@ -12,7 +12,17 @@ from lgmpc.runs.ground import along_ground
 from lgmpc.runs.intervals import intervals
 from lgmpc.runs.walking import heading
 from lgmpc.typing import Array, BoolArray, IntArray
-from lgmpc.viz.marks import COLORS, Contacts, Scale, add_arrow, add_ball, add_path, add_place, add_plumb_line, turns_to
+from lgmpc.viz.marks import (
+    COLORS,
+    ContactMarks,
+    Scale,
+    add_arrow,
+    add_ball,
+    add_path,
+    add_place,
+    add_plumb_line,
+    turns_to,
+)
 from lgmpc.viz.mesh import disc, sphere
 from lgmpc.viz.scene import Material, Scene
 from lgmpc.world import Terrain
@@ -93,7 +103,7 @@ def _add_contacts(scene: Scene, log: RunLog, frames: Frames, scale: Scale) -> No
     flags = (frames.mean(each.astype(np.float64)) > 0.0 for each in (closed, slipping))
     forces, friction = frames.mean(log.contact_forces), log.friction_of_feet[frames.ticks]
     normals = log.contact_normals[frames.ticks]
-    Contacts(names, frames.times, points, normals, forces, friction, *flags).add_to(scene, scale)
+    ContactMarks(names, frames.times, points, normals, forces, friction, *flags).add_to(scene, scale)
     planned = frames.mean(log.contact_forces_desired)
     for k, name in enumerate(names):
         path = f"/overlay/planned/{name}"
@@ -276,7 +286,7 @@ def path_names(robot: Robot, log: TrajectoryLog) -> list[str]:
     return [name for name in dict.fromkeys(log.waypoint_names.tolist()) if robot.model.existFrame(name)]
 
 
-def _contacts(log: TrajectoryLog, pictures: Pictures, ground: Terrain) -> Contacts:
+def _contacts(log: TrajectoryLog, pictures: Pictures, ground: Terrain) -> ContactMarks:
     """Return the contacts, with forces that are constant over each interval."""
     at, shares = pictures.intervals, pictures.shares[:, None, None]
     points = log.contact_points[at] + shares * (log.contact_points[at + 1] - log.contact_points[at])
@@ -286,4 +296,6 @@ def _contacts(log: TrajectoryLog, pictures: Pictures, ground: Terrain) -> Contac
     normal, tangential = np.einsum("kci,kci->kc", forces, normals), along_ground(forces, normals)
     friction = np.full((len(at), len(log.contact_frames)), log.friction)
     outside = np.isfinite(log.friction) & (tangential > 1.001 * np.nan_to_num(log.friction, posinf=0.0) * normal + 1e-9)
-    return Contacts(log.contact_frames.tolist(), pictures.times, points, normals, forces, friction, touching, outside)
+    return ContactMarks(
+        log.contact_frames.tolist(), pictures.times, points, normals, forces, friction, touching, outside
+    )

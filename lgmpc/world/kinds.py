@@ -37,7 +37,7 @@ _BELOW_PATCHES_M = 0.05
 """Depth of the ground around patches: two surfaces at one height would both carry a foot."""
 
 
-class Ground(Settings):
+class GroundSettings(Settings):
     """Settings of every kind of ground."""
 
     height_m: Place = key(0.0, "Height of the ground at the world's origin, m.")
@@ -46,11 +46,11 @@ class Ground(Settings):
     soft: Softness | None = key(None, "Ground that gives way, the same in both plants; null: hard ground.")
 
 
-OF_WORLD = frozenset(Ground.model_fields) | {"ahead_m", "width_m", "seed"}
+OF_WORLD = frozenset(GroundSettings.model_fields) | {"ahead_m", "width_m", "seed"}
 """Keys of a whole world, that a part of a course does not have."""
 
 
-class Laid(Ground):
+class Laid(GroundSettings):
     """Settings of ground that is laid out along the x axis, with a level area at the origin to start from."""
 
     ahead_m: Annotated[Finite, Field(ge=0.0, le=100.0)] = key(1.0, "Level ground ahead of the world's origin, m.")
@@ -60,7 +60,7 @@ class Laid(Ground):
     )
 
 
-class Part(Laid):
+class GroundPart(Laid):
     """One part of the ground."""
 
     friction: Friction | None = key(None, "Coulomb coefficient of this part; null: plant.friction.")
@@ -70,7 +70,7 @@ class Part(Laid):
         """Add the part at the end of a layout."""
 
 
-class Ramp(Part):
+class Ramp(GroundPart):
     """An inclined plane between two level ones."""
 
     kind: Literal["ramp"] = key("ramp", "An inclined plane between two level ones.")
@@ -90,7 +90,7 @@ class Ramp(Part):
             layout.advance(self.landing_m)
 
 
-class Stairs(Part):
+class Stairs(GroundPart):
     """Steps of equal height; a single one is a step, or a drop."""
 
     kind: Literal["stairs"] = key("stairs", "Steps of equal height.")
@@ -117,7 +117,7 @@ class Stairs(Part):
             layout.advance(end - begin, self.steps * rise)
 
 
-class Tiled(Part):
+class Tiled(GroundPart):
     """A part of squares in a grid."""
 
     size_m: Size = key(0.12, "Side of a block, a stone or a patch, m.")
@@ -198,7 +198,7 @@ class Stones(Tiled):
         return self
 
 
-class Gaps(Part):
+class Gaps(GroundPart):
     """Ditches across the way."""
 
     kind: Literal["gaps"] = key("gaps", "Ditches across the way.")
@@ -232,7 +232,7 @@ class Patches(Tiled):
             self._tile(layout, x, y, layout.level, self.patch_friction if slippery else friction)
 
 
-class Hills(Part):
+class Hills(GroundPart):
     """Smooth random hills, level at both ends."""
 
     kind: Literal["hills"] = key("hills", "Smooth random hills, level at both ends.")
@@ -259,7 +259,7 @@ class Hills(Part):
         return self
 
 
-class Heights(Part):
+class Heights(GroundPart):
     """A height field of one's own."""
 
     kind: Literal["heights"] = key("heights", "A height field of one's own.")

@@ -19,11 +19,11 @@ from lgmpc.world.kinds import (
     OF_WORLD,
     Blocks,
     Gaps,
-    Ground,
+    GroundPart,
+    GroundSettings,
     Heights,
     Hills,
     Laid,
-    Part,
     Patches,
     Ramp,
     Stairs,
@@ -35,13 +35,13 @@ from lgmpc.world.surfaces import Plane
 from lgmpc.world.world import World
 
 
-class FloorSettings(Ground):
+class FloorSettings(GroundSettings):
     """A level floor."""
 
     kind: Literal["floor"] = key("floor", "A level floor.")
 
 
-class SlopeSettings(Ground):
+class SlopeSettings(GroundSettings):
     """An inclined plane."""
 
     kind: Literal["slope"] = key("slope", "An inclined plane.")
@@ -163,7 +163,7 @@ def make_world(settings: AnyWorld, friction: float, seed: int = 0) -> World:
         return World((plane,), start, yaw, settings.soft)
     rng = np.random.default_rng((seed if settings.seed is None else settings.seed, _STREAM))
     layout = Layout(settings.ahead_m, settings.height_m, settings.width_m, friction, rng)
-    parts: tuple[Part, ...] = settings.parts if isinstance(settings, Course) else (settings,)
+    parts: tuple[GroundPart, ...] = settings.parts if isinstance(settings, Course) else (settings,)
     for i, part in enumerate(parts):
         layout.section = f"world.parts.{i}" if isinstance(settings, Course) else "world"
         part.lay(layout, friction if part.friction is None else part.friction)

@@ -27,7 +27,7 @@ from lgmpc.config.execution import run_config
 from lgmpc.control import Command, Measurement
 from lgmpc.errors import ConfigError, InputError, Interrupted
 from lgmpc.hardware import Deployment, StopReason, UdpDriver, UdpRobot
-from lgmpc.hardware.packets import Layout, read_secret
+from lgmpc.hardware.packets import PacketLayout, read_secret
 from lgmpc.hardware.simulated import LockStep, NoControllerError, RealTime, Served
 from lgmpc.hardware.udp import LOCALHOST, parse_address
 from lgmpc.mpc import CentroidalMpc
@@ -421,7 +421,7 @@ def test_replayed_and_forged_commands_are_none(linked: tuple[UdpRobot, UdpDriver
     thief = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     thief.bind((LOCALHOST, port))  # of a controller that has ended
     for key in (b"", b"guessed"):
-        layout = Layout(NU, key)
+        layout = PacketLayout(NU, key)
         layout.connect(b"c" * 16, b"r" * 16)
         thief.sendto(layout.command(9, 0, torque(1.0)), robot.address)
     assert _received(robot) is None

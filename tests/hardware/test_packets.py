@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, strategies as st
 
 from lgmpc.control import Command, Measurement
-from lgmpc.hardware.packets import ANOTHER_ROBOT, ANOTHER_SECRET, Layout
+from lgmpc.hardware.packets import ANOTHER_ROBOT, ANOTHER_SECRET, PacketLayout
 
 NU = 3
 SECRET, NONCES = b"sixteen bytes or more", (b"c" * 16, b"r" * 16)
 KEY = hmac.new(SECRET, b"".join(NONCES), hashlib.sha256).digest()
 
 
-def connected(nu: int = NU) -> Layout:
-    layout = Layout(nu, SECRET)
+def connected(nu: int = NU) -> PacketLayout:
+    layout = PacketLayout(nu, SECRET)
     layout.connect(*NONCES)
     return layout
 
@@ -88,13 +88,13 @@ def test_the_layout_is_the_documented_one() -> None:
 def test_who_is_greeted() -> None:
     layout = connected()
     assert layout.read_hello(layout.hello(NONCES[0])) == NONCES[0]
-    assert layout.read_hello(Layout(NU, b"another secret").hello(NONCES[0])) == ANOTHER_SECRET
-    assert layout.read_hello(Layout(NU + 1, SECRET).hello(NONCES[0])) == ANOTHER_ROBOT
+    assert layout.read_hello(PacketLayout(NU, b"another secret").hello(NONCES[0])) == ANOTHER_SECRET
+    assert layout.read_hello(PacketLayout(NU + 1, SECRET).hello(NONCES[0])) == ANOTHER_ROBOT
     assert layout.read_welcome(layout.welcome(*NONCES), NONCES[0]) == NONCES[1]
     assert layout.read_welcome(layout.welcome(*NONCES), NONCES[1]) is None  # the answer to another hello
-    assert layout.read_refusal(Layout(NU + 1, SECRET).refusal(ANOTHER_ROBOT)) == (ANOTHER_ROBOT, NU + 1)
-    assert layout.read_refusal(Layout(NU, b"another secret").refusal(ANOTHER_SECRET)) == (ANOTHER_SECRET, NU)
-    assert layout.read_refusal(Layout(NU, b"another secret").refusal(ANOTHER_ROBOT)) is None
+    assert layout.read_refusal(PacketLayout(NU + 1, SECRET).refusal(ANOTHER_ROBOT)) == (ANOTHER_ROBOT, NU + 1)
+    assert layout.read_refusal(PacketLayout(NU, b"another secret").refusal(ANOTHER_SECRET)) == (ANOTHER_SECRET, NU)
+    assert layout.read_refusal(PacketLayout(NU, b"another secret").refusal(ANOTHER_ROBOT)) is None
 
 
 @pytest.mark.parametrize(
@@ -125,8 +125,8 @@ def test_what_is_no_packet_of_this_robot_is_none(broken: str) -> None:
 def test_packets_of_another_version_are_recognised() -> None:
     layout = connected()
     old = b"LGMh" + struct.pack("<HHQ", 1, NU, 0)
-    assert Layout.other_version(old) == 1 and layout.read_hello(old) is None
-    assert Layout.other_version(layout.hello(NONCES[0])) is None and Layout.other_version(b"LGM") is None
+    assert PacketLayout.other_version(old) == 1 and layout.read_hello(old) is None
+    assert PacketLayout.other_version(layout.hello(NONCES[0])) is None and PacketLayout.other_version(b"LGM") is None
 
 
 @given(st.binary(max_size=200))

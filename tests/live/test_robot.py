@@ -20,7 +20,7 @@ from lgmpc.hardware import Deployment, StopReason, UdpDriver, UdpRobot
 from lgmpc.hardware.safety import Operator
 from lgmpc.hardware.simulated import LockStep, NoControllerError, Served
 from lgmpc.live.deployed import DeployedRun, deployed_config
-from lgmpc.live.history import History
+from lgmpc.live.history import PictureHistory
 from lgmpc.live.viewing import Link
 from lgmpc.live.wishes import Note, Order, Pace, Started
 from lgmpc.locomotion.command import CommandEntry
@@ -115,7 +115,7 @@ def test_a_robot_is_armed_walked_and_stopped_from_the_page(far: Far) -> None:
         """Arm the robot when a second has passed without a command, and look at it then."""
         started = far.pipe.recv()
         assert isinstance(started, Started) and started.deployed and not started.tunable
-        history = History(build_robot(started.config), started)
+        history = PictureHistory(build_robot(started.config), started)
         far.pipe.send(WALK)  # is followed from the first tick on
         if not far.pipe.poll(1.0) and not far.commands:
             far.pipe.send(Order("arm"))

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from lgmpc.locomotion.clock import GaitClock
-from lgmpc.locomotion.command import Ramp
+from lgmpc.locomotion.command import VelocityRamp
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner, FootholdSettings
 from lgmpc.locomotion.gait import quadruped_gaits
 from lgmpc.locomotion.legs import LegGeometry
@@ -101,7 +101,7 @@ def test_the_commanded_acceleration_needs_no_velocity_error(legs: LegGeometry) -
     point = replace(legs, radius=0.0)
     planner = FootholdPlanner(point, FootholdSettings(reach_share=1.0))
     stance, remaining = 0.12, 0.05
-    motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4, ramp=Ramp(1.0, 0.0, 10.0))
+    motion = BaseMotion(0.0, 0.0, 0.4, 0.0, 0.0, commanded_vx=0.4, ramp=VelocityRamp(1.0, 0.0, 10.0))
     touchdown = 0.4 * remaining  # where the centre of mass is predicted to be
     support = np.mean([planner.place(foot, motion, remaining, stance)[0] for foot in (0, 3)])
     _, after = pendulum(touchdown - support, 0.4 + remaining, legs.height, stance)
@@ -160,7 +160,7 @@ def test_footholds_move_with_the_whole_motion(legs: LegGeometry) -> None:
         )
         return BaseMotion(
             x + px, y + py, vx, vy, yaw + 0.2, yaw_rate=0.9, commanded_vx=wx, commanded_vy=wy, error_x=ex,
-            error_y=ey, ramp=Ramp(ax, ay, 0.3), load_x=lx, load_y=ly,
+            error_y=ey, ramp=VelocityRamp(ax, ay, 0.3), load_x=lx, load_y=ly,
         )  # fmt: skip
 
     planner = FootholdPlanner(

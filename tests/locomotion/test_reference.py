@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.locomotion.command import CommandLimiter, CommandLimits, MotionCommand, Ramp
+from lgmpc.locomotion.command import CommandLimiter, CommandLimits, MotionCommand, VelocityRamp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
 from lgmpc.locomotion.reference import ReferenceBuilder, ReferenceSettings
@@ -110,7 +110,7 @@ def test_a_horizon_foresees_how_the_limited_command_goes_on(solo12: Robot, legs:
         for _ in range(20):
             builder.advance(1e-3, command)
             command = limiter.step(wanted, 1e-3)
-    assert limiter.ramp == Ramp() and command.vx == 0.3
+    assert limiter.ramp == VelocityRamp() and command.vx == 0.3
 
 
 def test_the_desired_position_is_no_further_ahead_than_its_lead(solo12: Robot, legs: LegGeometry) -> None:

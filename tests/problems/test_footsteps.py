@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from lgmpc.errors import InputError
 from lgmpc.lie import se3
 from lgmpc.locomotion.sequence import GaitPhase, GaitSequence, QuadrupedFeet
-from lgmpc.problems.footsteps import BaseLeap, BaseMotion, BasePath, Footsteps, SwingCurve
+from lgmpc.problems.footsteps import BaseLeap, BasePath, BaseProfile, Footsteps, SwingCurve
 
 FEET = ("FL", "FR", "HL", "HR")
 LEGS = QuadrupedFeet(*FEET)
@@ -20,7 +20,7 @@ LEAP = BaseLeap(np.array([0.3, 0.1, 0.05]), 0.4, 0.3, 0.6, 9.81)
 
 
 @pytest.mark.parametrize("motion", [PATH, LEAP], ids=["path", "leap"])
-def test_the_velocity_is_the_placement_s_derivative(motion: BaseMotion) -> None:
+def test_the_velocity_is_the_placement_s_derivative(motion: BaseProfile) -> None:
     times, h = np.linspace(motion.start + 0.01, motion.stop - 0.01, 23), 1e-6
     ahead, behind = motion.placements(times + h), motion.placements(times - h)
     measured = np.array([se3.log(se3.inverse(a) @ b) for a, b in zip(behind, ahead, strict=True)]) / (2 * h)
@@ -28,7 +28,7 @@ def test_the_velocity_is_the_placement_s_derivative(motion: BaseMotion) -> None:
 
 
 @pytest.mark.parametrize("motion", [PATH, LEAP], ids=["path", "leap"])
-def test_a_base_is_at_rest_before_and_after(motion: BaseMotion) -> None:
+def test_a_base_is_at_rest_before_and_after(motion: BaseProfile) -> None:
     np.testing.assert_allclose(motion.placements([motion.start - 1.0, motion.start]), np.tile(np.eye(4), (2, 1, 1)))
     np.testing.assert_allclose(motion.placements(motion.stop + 1.0), motion.placements(motion.stop), atol=1e-15)
     assert not motion.velocities([motion.start - 1e-9, motion.stop + 1e-9]).any()

@@ -13,7 +13,7 @@ import pytest
 from lgmpc.costs import StageSymbols
 from lgmpc.errors import InputError
 from lgmpc.problems import Scenario, build_jump
-from lgmpc.problems.ground import BodySpheres, Ground, GroundDistance
+from lgmpc.problems.ground import BodySpheres, GroundDistance, ProblemGround
 from lgmpc.problems.legged_settings import JumpSettings
 from lgmpc.robot import Robot, RobotSpec, load_robot
 from lgmpc.world import Box, HeightField, Plane, World
@@ -64,7 +64,7 @@ def test_the_optimised_distances_are_those_of_the_world() -> None:
         (Plane(), Box((0.3, 0.1, 0.05), (0.1, 0.2, 0.05), (0.1, -0.2, 0.7)), Box((-0.2, 0.0, 0.0), (0.05, 1.0, 0.02)))
     )
     spheres, xs = BodySpheres.optimised(robot), anywhere(3, 20)
-    planes, boxes, solids = Ground(world).solids(spheres, xs)
+    planes, boxes, solids = ProblemGround(world).solids(spheres, xs)
     assert (planes, boxes) == (1, 2)
     distance = GroundDistance(spheres, planes, boxes)
     x, p = ca.SX.sym("x", robot.nq + robot.nv), ca.SX.sym("p", solids.size)
@@ -102,7 +102,7 @@ def test_a_foothold_on_an_edge_is_one_error(changes: dict[str, object], words: s
 
 def test_a_height_field_is_refused() -> None:
     with pytest.raises(InputError, match="a HeightField; expected a world of planes and boxes"):
-        Ground(World((HeightField(np.zeros((3, 3)), 0.1),)))
+        ProblemGround(World((HeightField(np.zeros((3, 3)), 0.1),)))
 
 
 def test_the_figures_see_bodies_in_the_ground() -> None:

@@ -12,9 +12,9 @@ import pytest
 from lgmpc.runs import RunLog, RunResult
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.gate import Outcome, Verdict
-from lgmpc.runs.limited import DriveLine, JointLimits, Nearest, joint_power
+from lgmpc.runs.limited import DriveLine, Nearest, UnloggedLimits, joint_power
 
-JOINTS = JointLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
+JOINTS = UnloggedLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
 LINE = JOINTS._replace(line=DriveLine(stall=2.0, no_load=20.0))
 MASS = 24.0 / 9.81  # four feet carry 6 N each
 Edit = Callable[[dict[str, np.ndarray]], None]
@@ -26,7 +26,7 @@ def certified(changed: Callable[[Edit], RunLog]) -> Certify:
     """Certify the standing log after a change, with momentum and energy at the edges of windows."""
 
     def run(
-        edit: Edit = lambda arrays: None, momentum: object = 0.0, energy: object = 1.0, joints: JointLimits = JOINTS
+        edit: Edit = lambda arrays: None, momentum: object = 0.0, energy: object = 1.0, joints: UnloggedLimits = JOINTS
     ) -> Certificate:
         log = replace(changed(edit), mass_kg=MASS)
         edges = window_edges(log)

@@ -14,9 +14,9 @@ from lgmpc.errors import InputError
 from lgmpc.runs import Gate, Outcome, Run, RunLog, RunResult, compute_metrics, judge
 from lgmpc.runs.events import Event, EventKind, event_lines
 from lgmpc.runs.forensics import Explanation, explain_run
-from lgmpc.runs.limited import JointLimits, gate_figures
+from lgmpc.runs.limited import UnloggedLimits, gate_figures
 
-JOINTS = JointLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
+JOINTS = UnloggedLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
 Edit = Callable[[dict[str, np.ndarray]], None]
 Explain = Callable[..., Explanation]
 

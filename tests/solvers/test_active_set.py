@@ -8,7 +8,7 @@ from bench_optimiser import constrained
 from paired_problems import Stance
 
 from lgmpc.errors import InputError
-from lgmpc.ocp import Block, OcpQp, OcpQpStructure, Trajectory
+from lgmpc.ocp import OcpQp, OcpQpStructure, StoredBlock, Trajectory
 from lgmpc.solvers import LineSearchSqp, Status
 from lgmpc.solvers.qp import (
     LARGE_STAGE,
@@ -38,12 +38,12 @@ def structure(nx: int = NX, nu: int = NU, ng: int = NG, nodes: int = NODES) -> O
         rows, columns = (index.ravel(order="F") for index in np.indices(shape))
         kept = (rows + columns) % 2 == 0 if name == "D" else np.ones(rows.size, dtype=bool)
         rows, columns = rows[kept], columns[kept]
-        blocks[name] = Block(shape, rows, columns, slice(start, start + rows.size))
+        blocks[name] = StoredBlock(shape, rows, columns, slice(start, start + rows.size))
         start += rows.size
     last, end = {}, 0
     for name in ("Q", "q", "cost"):
         rows, columns = (index.ravel(order="F") for index in np.indices(shapes[name]))
-        last[name] = Block(shapes[name], rows, columns, slice(end, end + rows.size))
+        last[name] = StoredBlock(shapes[name], rows, columns, slice(end, end + rows.size))
         end += rows.size
     return OcpQpStructure(nodes, nx, nu, ng, blocks, last, start, end)
 

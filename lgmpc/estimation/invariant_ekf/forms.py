@@ -25,7 +25,7 @@ from lgmpc.lie.symbolic import sek3, so3
 
 
 @dataclass(frozen=True)
-class Motion:
+class Propagation:
     """One step of the extended pose, symbolically.
 
     Attributes:
@@ -74,10 +74,10 @@ class ErrorForm(Protocol):
     def name(self) -> str:
         """Name, part of the names of compiled functions."""
 
-    def transition(self, motion: Motion) -> Any:
+    def transition(self, motion: Propagation) -> Any:
         """Return (9 + 3k, 9 + 3k) the transition matrix of the error over a step."""
 
-    def disturbance(self, motion: Motion) -> Any:
+    def disturbance(self, motion: Propagation) -> Any:
         """Return (9 + 3k, 6) the derivative of the error by an error of the IMU sample."""
 
     def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
@@ -110,12 +110,12 @@ class _RightInvariant:
 
     name: str = "right"
 
-    def transition(self, motion: Motion) -> Any:
+    def transition(self, motion: Propagation) -> Any:
         fall = ca.horzcat(motion.duration * motion.gravity, 0.5 * motion.duration**2 * motion.gravity)
         # Columns added from the left transform by the same adjoint, those of gravity and of rolling alike.
         return _shift(ca.horzcat(fall, motion.rolled)) @ _flow(motion)
 
-    def disturbance(self, motion: Motion) -> Any:
+    def disturbance(self, motion: Propagation) -> Any:
         return sek3.adjoint(motion.after) @ _padded(motion.jacobian, motion)
 
     def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
@@ -142,10 +142,10 @@ class _LeftInvariant:
 
     name: str = "left"
 
-    def transition(self, motion: Motion) -> Any:
+    def transition(self, motion: Propagation) -> Any:
         return sek3.adjoint(sek3.inverse(motion.increment)) @ _flow(motion)
 
-    def disturbance(self, motion: Motion) -> Any:
+    def disturbance(self, motion: Propagation) -> Any:
         return _padded(motion.jacobian, motion)
 
     def observe(self, pose: Any, point: int, measured: Any, offset: Any) -> Observation:
@@ -169,14 +169,14 @@ class _Multiplicative:
 
     name: str = "multiplicative"
 
-    def transition(self, motion: Motion) -> Any:
+    def transition(self, motion: Propagation) -> Any:
         rotation, step, matrix = motion.before[:3, :3], motion.increment, _flow(motion)
         matrix[:3, :3] = step[:3, :3].T
         for row, column in ((3, 3), (6, 4)):
             matrix[row : row + 3, :3] = -rotation @ so3.hat(step[:3, column])
         return matrix
 
-    def disturbance(self, motion: Motion) -> Any:
+    def disturbance(self, motion: Propagation) -> Any:
         rotation, jacobian = motion.after[:3, :3], motion.jacobian
         world = ca.vertcat(jacobian[:3, :], rotation @ jacobian[3:6, :], rotation @ jacobian[6:, :])
         return _padded(world, motion)
@@ -209,7 +209,7 @@ FORMS: dict[str, ErrorForm] = {form.name: form for form in (RIGHT, LEFT, MULTIPL
 """All forms by name."""
 
 
-def _flow(motion: Motion) -> Any:
+def _flow(motion: Propagation) -> Any:
     """Return the differential of the free flow: the position's error grows by the velocity's."""
     matrix = ca.SX.eye(9 + 3 * motion.points)
     matrix[6:9, 3:6] = motion.duration * ca.SX.eye(3)
@@ -222,7 +222,7 @@ def _shift(columns: Any) -> Any:
     return _blocks(ca.SX.eye(3), arms, ca.SX.eye(3))
 
 
-def _padded(jacobian: Any, motion: Motion) -> Any:
+def _padded(jacobian: Any, motion: Propagation) -> Any:
     """Return the (9, 6) Jacobian with rows of zeros for the points, which do not depend on the IMU."""
     return ca.vertcat(jacobian, ca.SX(3 * motion.points, 6))
 

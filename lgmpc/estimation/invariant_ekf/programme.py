@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Motion
+from lgmpc.estimation.invariant_ekf.forms import ErrorForm, Propagation
 from lgmpc.lie import coefficients
 from lgmpc.lie.symbolic import sek3, so3
 
@@ -244,7 +244,7 @@ def _corrected(form: ErrorForm, before: Any, bias: Any, error: Any) -> list[Any]
     return [after, bias - error[-6:]]
 
 
-def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) -> Motion:
+def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) -> Propagation:
     """Return the step of a pose and its points under body rates that are constant over it."""
     variables = ca.SX.sym("sample", 6)
     phi, force = duration * variables[:3], variables[3:]
@@ -263,7 +263,7 @@ def _motion(before: Any, sample: Any, gravity: Any, duration: Any, rolled: Any) 
     after[:3, 3] += duration * gravity
     after[:3, 4] += 0.5 * duration**2 * gravity
     after[:3, 5:] += rolled
-    return Motion(before, after, rolled, increment, jacobian, gravity, duration)
+    return Propagation(before, after, rolled, increment, jacobian, gravity, duration)
 
 
 def _second_integral(phi: Any) -> Any:

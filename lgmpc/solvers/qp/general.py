@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from lgmpc.errors import InputError, MissingDependencyError
-from lgmpc.ocp import Block, OcpQp
+from lgmpc.ocp import OcpQp, StoredBlock
 from lgmpc.solvers.qp.protocol import QpSolution, is_large
 from lgmpc.solvers.sweep import all_finite
 from lgmpc.status import Status
@@ -337,7 +337,7 @@ class OsqpSolver(GeneralQpSolver):
         self._solver = module.OSQPSolver(hessian, self._gradient, constraint, self._lower, self._upper, *sizes, options)
 
 
-def _place(block: Block, sources: IntArray, rows: IntArray, columns: IntArray) -> IntArray:
+def _place(block: StoredBlock, sources: IntArray, rows: IntArray, columns: IntArray) -> IntArray:
     """Return (3, m) row, column and source of a block's entries at several places."""
     triplet = (rows[:, None] + block.rows, columns[:, None] + block.columns, sources[:, None] + block.positions)
     return np.vstack([index.ravel() for index in triplet])

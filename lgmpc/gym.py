@@ -274,8 +274,7 @@ class LocomotionEnv(gymnasium.Env[Array, Array]):
         up = quaternion.act(quaternion.inverse(state.q[3:7]), np.array([0.0, 0.0, 1.0]))
         waits = np.array([clock.next_liftoff(foot, state.time) - state.time for foot in range(robot.nf)])
         phase = 2.0 * math.pi * np.where(np.isfinite(waits), waits, 0.0) / clock.gait.period_s
-        weight = robot.mass * float(np.linalg.norm(robot.gravity))
-        outside = report.external_wrench / np.repeat([weight, weight * float(robot.q_reference[2])], 3)
+        outside = report.external_wrench / np.repeat([robot.weight, robot.weight * float(robot.q_reference[2])], 3)
         posture = state.q[robot.joint_q] - robot.q_reference[robot.joint_q]
         parts = (self._goal, [height], up, state.v[:6], posture, state.v[robot.joint_v])
         numbers = np.concatenate([*parts, feet.stance, np.sin(phase), np.cos(phase), outside, self._action])

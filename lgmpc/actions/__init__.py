@@ -31,11 +31,3 @@ from lgmpc.actions.python_action import (
     PythonAction as PythonAction,
     StageDerivatives as StageDerivatives,
 )
-from lgmpc.costs import (
-    Bounded as Bounded,
-    Cost as Cost,
-    CostTerm as CostTerm,
-    LeastSquares as LeastSquares,
-    Parameter as Parameter,
-    ParameterLayout as ParameterLayout,
-)

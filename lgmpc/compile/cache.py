@@ -75,7 +75,7 @@ def cache_folder() -> Path:
     _check_folder(folder, info)
     for parent in folder.parents:
         mode = parent.stat().st_mode
-        if mode & (stat.S_IWGRP | stat.S_IWOTH) and not mode & stat.S_ISVTX:
+        if mode & _OTHERS_WRITE and not mode & stat.S_ISVTX:
             raise _refuse(
                 folder,
                 f"which others may replace, since they may write to {parent} (mode {stat.S_IMODE(mode):04o})",
@@ -153,6 +153,10 @@ def find_entry(folder: Path, name: str, key: str) -> Path | None:
     return None
 
 
+class _RemovedError(Exception):
+    """The cache was removed while a library was built in it."""
+
+
 def make_entry(
     folder: Path,
     name: str,
@@ -178,53 +182,42 @@ def make_entry(
         InputError: the folder cannot be written.
         CompileError: from ``build``.
     """
+
+    def attempt() -> Path:
+        try:
+            with _locked(folder / f".{name}-{key}.lock", waiting):
+                entry = find_entry(folder, name, key)
+                if entry is not None:
+                    return entry
+                _remove_stale(folder)
+                with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as scratch:
+                    files = [Path(scratch, f"{name}{i or ''}.c") for i in range(len(sources))]
+                    library = Path(scratch, f"{name}.so")
+                    try:
+                        for file, source in zip(files, sources, strict=True):
+                            file.write_text(source)
+                        build(files, library)
+                        library.chmod(_FILE_MODE)
+                        entry = folder / f"{name}-{key}-{_digest(library.read_bytes())}.so"
+                        library.replace(entry)
+                    except (OSError, CompileError) as error:
+                        if not all(file.exists() for file in files):
+                            raise _RemovedError from error
+                        raise
+                return entry
+        except FileNotFoundError as error:
+            if folder.is_dir():
+                raise
+            raise _RemovedError from error
+
     try:
         for _ in range(_ATTEMPTS):
             folder.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
             with contextlib.suppress(_RemovedError):
-                return _build_entry(folder, name, key, sources, build, waiting)
+                return attempt()
         raise OSError("another process removes it repeatedly")
     except OSError as error:
         raise _refuse(folder, f"which cannot be written ({error})", "a folder that you can write to") from error
-
-
-class _RemovedError(Exception):
-    """The cache was removed while a library was built in it."""
-
-
-def _build_entry(
-    folder: Path,
-    name: str,
-    key: str,
-    sources: Sequence[str],
-    build: Callable[[Sequence[Path], Path], None],
-    waiting: Callable[[], None],
-) -> Path:
-    try:
-        with _locked(folder / f".{name}-{key}.lock", waiting):
-            entry = find_entry(folder, name, key)
-            if entry is not None:
-                return entry
-            _remove_stale(folder)
-            with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as scratch:
-                files = [Path(scratch, f"{name}{i or ''}.c") for i in range(len(sources))]
-                library = Path(scratch, f"{name}.so")
-                try:
-                    for file, source in zip(files, sources, strict=True):
-                        file.write_text(source)
-                    build(files, library)
-                    library.chmod(_FILE_MODE)
-                    entry = folder / f"{name}-{key}-{_digest(library.read_bytes())}.so"
-                    library.replace(entry)
-                except (OSError, CompileError) as error:
-                    if not all(file.exists() for file in files):
-                        raise _RemovedError from error
-                    raise
-            return entry
-    except FileNotFoundError as error:
-        if folder.is_dir():
-            raise
-        raise _RemovedError from error
 
 
 def discard(path: Path) -> None:

@@ -90,7 +90,7 @@ class Gait(Settings):
 
 # name: (period in sqrt(height / gravity), duty, offsets of front left, front right, hind left, hind right, width).
 # On the feet of one side or one end a robot topples: shorter stances on them cause less roll or pitch.
-_QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], float]] = {
+_QUADRUPED: Mapping[str, tuple[float, float, tuple[float, ...], float]] = {
     "stand": (2.2, 1.0, (0.0, 0.0, 0.0, 0.0), 1.0),
     "walk": (3.8, 0.77, (0.25, 0.75, 0.0, 0.5), 1.0),
     "trot": (1.65, 0.5, (0.0, 0.5, 0.5, 0.0), 1.0),
@@ -101,7 +101,7 @@ _QUADRUPED: Mapping[str, tuple[float, float, tuple[float, float, float, float], 
 
 
 # Of left and right foot.
-_BIPED: Mapping[str, tuple[float, float, tuple[float, float], float]] = {"walk": (2.4, 0.6, (0.0, 0.5), 0.5)}
+_BIPED: Mapping[str, tuple[float, float, tuple[float, ...], float]] = {"walk": (2.4, 0.6, (0.0, 0.5), 0.5)}
 
 
 def biped_gaits(height_m: float) -> dict[str, Gait]:
@@ -112,11 +112,7 @@ def biped_gaits(height_m: float) -> dict[str, Gait]:
     Args:
         height_m: height of the centre of mass above the feet, m; see :func:`quadruped_gaits`.
     """
-    unit = math.sqrt(height_m / GRAVITY)
-    return {
-        name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets, width=width)
-        for name, (periods, duty, offsets, width) in _BIPED.items()
-    }
+    return _scaled(_BIPED, height_m)
 
 
 def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:
@@ -135,10 +131,14 @@ def quadruped_gaits(height_m: float = 0.21) -> dict[str, Gait]:
     """
     if not (height_m > 0.0 and math.isfinite(height_m)):
         raise InputError("height_m", height_m, "a finite height above 0 m")
+    return _scaled(_QUADRUPED, height_m)
+
+
+def _scaled(gaits: Mapping[str, tuple[float, float, tuple[float, ...], float]], height_m: float) -> dict[str, Gait]:
     unit = math.sqrt(height_m / GRAVITY)
     return {
         name: Gait(name=name, period_s=periods * unit, duty=duty, offsets=offsets, width=width)
-        for name, (periods, duty, offsets, width) in _QUADRUPED.items()
+        for name, (periods, duty, offsets, width) in gaits.items()
     }
 
 

@@ -58,7 +58,7 @@ class LeggedFigures:
         pressed = wrenches[grid.flags & moving[:, None]]
         struck = wrenches[grid.flags & grid.impacts[:, None]]
         rates = np.abs(xs[:, robot.nq :][:, robot.joint_v])
-        weight = robot.mass * float(np.linalg.norm(robot.gravity))
+        weight = robot.weight
         normal = self.ground.axes[:, 2]
         raised = np.abs((feet - planned)[:-1][~grid.flags] @ normal)
         rotations = so3.from_quaternion.unchecked(xs[:, 3:7])

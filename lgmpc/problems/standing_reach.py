@@ -185,7 +185,7 @@ def _problem(robot: Robot, s: StandingReachSettings, stance: list[pin.SE3]) -> S
         # the feet free.
         CostItem("effort", Control(nu), w.effort / robot.effort_limit**2),
     ]
-    weight = robot.mass * float(np.linalg.norm(robot.gravity))
+    weight = robot.weight
     constraints = [
         ConstraintItem("effort_limit", Scaled(Control(nu), robot.effort_limit), -1.0, 1.0),
         ConstraintItem("joint_limit", JointPosition(nu), robot.joint_lower, robot.joint_upper),

@@ -241,6 +241,11 @@ class Robot:
         return gravity
 
     @cached_property
+    def weight(self) -> float:
+        """Weight of all moving bodies, N."""
+        return self.mass * float(np.linalg.norm(self.gravity))
+
+    @cached_property
     def up(self) -> Array:
         """(3,) direction against gravity, world axes; z without gravity."""
         size = float(np.linalg.norm(self.gravity))

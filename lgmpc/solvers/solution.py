@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action, Cost
+from lgmpc.actions import Action
+from lgmpc.costs import Cost
 from lgmpc.errors import InputError
 from lgmpc.ocp import KktResidual, ShootingProblem, Trajectory
 from lgmpc.ocp.kkt import complementarity

@@ -90,7 +90,7 @@ class _Recording:
         frames = Frames.of(log, RATE_HZ, limit=log.ticks)
         ticks, body = frames.ticks, load_body(robot)
         height = float(np.subtract(*body.bounds(robot.q_reference)[::-1])[2])
-        scale = Scale.of(height, robot.mass * float(np.linalg.norm(robot.gravity)), robot.nf)
+        scale = Scale.of(height, robot.weight, robot.nf)
         feet, points = tuple(log.contact_frames.tolist()), log.contact_points[ticks]
         arrows = [
             _Arrows(name, points, scale.metres_per_newton * frames.mean(forces), feet)

@@ -92,7 +92,7 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
     travel = log.base_pose[frames.ticks, :3]
     lowest, highest = _bounds(body, log.q[frames.ticks], travel, ground)
     height = float(np.subtract(*body.bounds(robot.q_reference)[::-1])[2])  # that of a start on a slope is larger
-    scale = Scale.of(height, _weight(robot), robot.nf)
+    scale = Scale.of(height, robot.weight, robot.nf)
     fog = add_stage(scene, lowest, highest, travel, ground)
     body.add_to(scene)
     body.animate(scene, frames.times, log.q[frames.ticks])
@@ -111,10 +111,6 @@ def _add_run(scene: Scene, robot: Robot, run: Run, ground: World) -> _Content:
         "start": float(log.time[0]),
         "series": time_line(frames.times, _readouts(log, frames), modes),
     }
-
-
-def _weight(robot: Robot) -> float:
-    return robot.mass * float(np.linalg.norm(robot.gravity))
 
 
 def _bounds(body: Body, q: Array, base: Array, ground: World) -> tuple[Array, Array]:
@@ -223,7 +219,7 @@ def _add_trajectory(scene: Scene, robot: Robot, run: SolvedRun, ground: World) -
     body = load_body(robot)
     frame = _Framing.of(body, log, pictures)
     carriers = max(len(log.contact_frames), len(overlay.thrusters(robot, log)))
-    scale = Scale.of(max(frame.height, 0.4 * frame.size, 0.12 * frame.seen), _weight(robot), carriers)
+    scale = Scale.of(max(frame.height, 0.4 * frame.size, 0.12 * frame.seen), robot.weight, carriers)
     corners = frame.lowest + frame.lift, frame.highest + frame.lift
     fog = add_stage(scene, *corners, frame.travel + frame.lift, ground)
     for group in ("/robot", "/overlay"):

@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 
 from lgmpc import load_config, load_robot, run_config, solve_config
-from lgmpc.actions import Action, Bounded, Cost, CostTerm, FreeForwardDynamics, MultibodyAction, RungeKutta4
-from lgmpc.costs import ConstraintItem, CostItem, ParameterLayout, Residual
+from lgmpc.actions import Action, FreeForwardDynamics, MultibodyAction, RungeKutta4
+from lgmpc.costs import Bounded, ConstraintItem, Cost, CostItem, CostTerm, ParameterLayout, Residual
 from lgmpc.costs.library import CoMPosition, Control, FrameTranslation
 from lgmpc.errors import InputError
 from lgmpc.ocp import ShootingProblem, Trajectory

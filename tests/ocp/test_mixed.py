@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
+from lgmpc.actions import Action, CentroidalAction
+from lgmpc.costs import Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.errors import InputError
 from lgmpc.ocp import OcpQp, ShootingFunctions, ShootingProblem, SubproblemFunctions, Trajectory
 from lgmpc.state import StateVector

@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 from samples import Unicycle, standing_quadruped
 
-from lgmpc.actions import Action, Bounded, LeastSquares, Parameter, ParameterLayout
+from lgmpc.actions import Action
+from lgmpc.costs import Bounded, LeastSquares, Parameter, ParameterLayout
 from lgmpc.ocp import ShootingProblem
 from lgmpc.state import StateMultibody, StateVector
 

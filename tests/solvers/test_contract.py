@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action, Bounded, Cost, CostTerm, FreeForwardDynamics, MultibodyAction, ParameterLayout
-from lgmpc.costs import Activation, ConstraintItem, CostItem
+from lgmpc.actions import Action, FreeForwardDynamics, MultibodyAction
+from lgmpc.costs import Activation, Bounded, ConstraintItem, Cost, CostItem, CostTerm, ParameterLayout
 from lgmpc.costs.library import Control, JointPosition
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory

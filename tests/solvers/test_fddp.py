@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.actions import Action, Bounded, FreeForwardDynamics, MultibodyAction
+from lgmpc.actions import Action, FreeForwardDynamics, MultibodyAction
 from lgmpc.compile import find_compiler, reporting
-from lgmpc.costs import CostItem
+from lgmpc.costs import Bounded, CostItem
 from lgmpc.costs.library import Control, StateError
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory

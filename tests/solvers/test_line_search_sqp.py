@@ -9,16 +9,8 @@ import pinocchio as pin
 import pytest
 from samples import Constrained
 
-from lgmpc.actions import (
-    Action,
-    Bounded,
-    FreeForwardDynamics,
-    HoldAction,
-    LeastSquares,
-    MultibodyAction,
-    ParameterLayout,
-)
-from lgmpc.costs import ConstraintItem, CostItem, Residual, StageSymbols
+from lgmpc.actions import Action, FreeForwardDynamics, HoldAction, MultibodyAction
+from lgmpc.costs import Bounded, ConstraintItem, CostItem, LeastSquares, ParameterLayout, Residual, StageSymbols
 from lgmpc.costs.library import Control, FrameTranslation, JointPosition, StateError
 from lgmpc.errors import InputError, SolverError
 from lgmpc.ocp import ShootingProblem, Trajectory

@@ -7,8 +7,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from lgmpc.actions import Action, Bounded, CentroidalAction, LeastSquares, Parameter, ParameterLayout
-from lgmpc.costs import Residual, StageSymbols
+from lgmpc.actions import Action, CentroidalAction
+from lgmpc.costs import Bounded, LeastSquares, Parameter, ParameterLayout, Residual, StageSymbols
 from lgmpc.estimation.invariant_ekf import ErrorForm
 from lgmpc.ocp import ShootingProblem
 from lgmpc.robot import Robot, RobotSpec, load_robot

@@ -22,6 +22,10 @@ _LOAD_SHARE = 0.65
 """Share of the load that these feet must carry together."""
 _SINKING = 0.2
 """Square of the least ratio of speeds along the normal and along the surface of a foot that rolls off an edge."""
+_EXCUSED = 1e6
+"""Square of a speed that no foot has: that of a slide on other ground than believed, which proves nothing any more."""
+_LEAST_LOAD = 0.05
+"""Share of all feet's load that a foot must carry: a force of little more than nothing has no direction."""
 
 
 class FrictionMonitor:
@@ -32,9 +36,11 @@ class FrictionMonitor:
     surface faster than ``sliding_speed`` (smoothed over 2 ms), and ever faster, has been given a force outside the
     floor's cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than
     by half, because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A
-    foot that slows down proves nothing. Feet that have just landed, or that bounce, count from 0.5 m/s on, and only
-    if they carry most of the load: on ice they fly from under a trotting robot within 30 ms, one of two may have met an
-    edge. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
+    foot that was faster before in the same slide proves nothing (one that bounces meets the ground fast, and comes to
+    rest), nor does one that hardly carries, nor one of which the force was once outside the cone on the ground along
+    which it slides, but not on that believed. Feet that have just landed, or that bounce, count from 0.5 m/s on, and
+    only if they carry most of the load: on ice they fly from under a trotting robot within 30 ms, one of two may have
+    met an edge. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
 
     Args:
         nominal: coefficient while no foot slides.
@@ -62,15 +68,8 @@ class FrictionMonitor:
         least: float = 0.1,
         points: FootPoints | None = None,
     ) -> None:
-        numbers = {
-            "nominal": nominal,
-            "period": period,
-            "sliding_speed": sliding_speed,
-            "fall_time": fall_time,
-            "rise_time": rise_time,
-            "least": least,
-        }
-        for name, value in numbers.items():
+        names, values = ("nominal", "period"), (nominal, period, sliding_speed, fall_time, rise_time, least)
+        for name, value in zip((*names, "sliding_speed", "fall_time", "rise_time", "least"), values, strict=True):
             number(name, value, "a positive number", above=0.0)
         self._nominal, self._least = nominal, min(least, nominal)
         self._points = None if points is None or points.single else points
@@ -78,17 +77,17 @@ class FrictionMonitor:
         self._fall = math.exp(-period / fall_time)
         self._rise = 1.0 - math.exp(-period / rise_time)
         self._smoothing = np.array([1.0 - math.exp(-period / _SMOOTHING)])
-        self._before: list[float] = []  # squared speeds at the last update
+        self._before: list[float] = []  # squared speeds: the largest of a slide so far
         self._allocate(1)
         self.coefficient = nominal
 
     def _allocate(self, contacts: int) -> None:
         """Make the buffers of so many contact points, and the call that smooths their velocities."""
         self._smoothed, self._measured, self._normals = np.zeros((3, contacts, 3))
-        self._speeds = np.zeros((contacts, 1))
+        self._speeds = np.zeros((contacts, 2))
         self._run: Callable[[], int] = StageKernel.of(_slide).bind(
             contacts, smoothed=self._smoothed, measured=self._measured, normal=self._normals, share=self._smoothing,
-            smoothed_next=self._smoothed, speed=self._speeds,
+            smoothed_next=self._smoothed, speeds=self._speeds,
         )  # fmt: skip
 
     def reset(self) -> None:
@@ -96,7 +95,7 @@ class FrictionMonitor:
         self.coefficient, self._before = self._nominal, []
 
     def state(self) -> tuple[float, list[float], Array]:
-        """Return a copy of the state: coefficient, squared speeds and velocities of the contact points."""
+        """Return a copy of the state: coefficient, squared speeds so far and velocities of the contact points."""
         return self.coefficient, self._before, self._smoothed.copy()
 
     def set_state(self, state: tuple[float, list[float], Array]) -> None:
@@ -130,28 +129,37 @@ class FrictionMonitor:
         self._measured[...] = contact_velocities
         self._normals[...] = normals
         self._run()
-        patches, velocities = self._points, self._smoothed
-        found = self._speeds[:, 0] if patches is None else np.minimum.reduceat(self._speeds[:, 0], patches.starts)
-        self._before = speeds = found.tolist()
-        least = self._sliding_speed_squared
-        if self.coefficient == self._nominal and max(speeds) <= least:
-            return self.coefficient
+        patches, velocities, least = self._points, self._smoothed, self._sliding_speed_squared
+        found = self._speeds if patches is None else np.minimum.reduceat(self._speeds, patches.starts)
+        speeds, slides = found.T.tolist()
+        if max(speeds) <= least:
+            self._before = speeds
+            if self.coefficient == self._nominal:
+                return self.coefficient
         given, firsts = forces, list(range(len(forces)))
+        carries = settled if stance is None else stance
         if patches is not None:
             firsts = patches.starts.tolist()
             forces, normals = patches.total(forces), normals[firsts]
             settled, velocities = [settled[i] for i in firsts], patches.mean(velocities)
-            stance = None if stance is None else [stance[i] for i in firsts]
-        sliding = [foot for foot, speed in enumerate(speeds) if speed > least and settled[foot]]
-        if stance is not None and max(speeds) > _FAST**2:
-            landed = [i for i, speed in enumerate(speeds) if speed > _FAST**2 and stance[i] and not settled[i]]
+            carries = [carries[i] for i in firsts]
+        feet = zip(speeds, before or speeds, carries, strict=True)
+        self._before = before = [max(now, last) if now > least and on else now for now, last, on in feet]
+        sliding = [i for i, speed in enumerate(slides) if speed > least and settled[i]]
+        landed = [i for i, speed in enumerate(slides) if speed > _FAST**2 and carries[i] and not settled[i]]
+        faster: list[int] = []
+        if sliding or landed:
             loads = np.einsum("ij,ij->i", forces, normals)
-            sliding += landed if loads[landed].sum() > _LOAD_SHARE * loads.sum() else []
-        faster = [foot for foot in sliding if not before or speeds[foot] >= before[foot]]
+            total = loads.sum()
+            sliding += landed if loads[landed].sum() > _LOAD_SHARE * total else []
+            faster = [i for i in sliding if speeds[i] >= before[i] and loads[i] >= _LEAST_LOAD * total]
         if faster:
             parts = np.split(given, firsts[1:])
             slopes = [_slopes(*(rows[foot].tolist() for rows in (parts, normals, velocities))) for foot in faster]
-            proven = [max(each) for each in slopes if not each[0] < self.coefficient <= each[1]]
+            steeper = [here < self.coefficient <= there for here, there in slopes]
+            for foot, excused in zip(faster, steeper, strict=True):
+                before[foot] = _EXCUSED if excused else before[foot]
+            proven = [max(each) for each, excused in zip(slopes, steeper, strict=True) if not excused]
             if proven:
                 bound = max(min(proven), _LEAST_SHARE * self.coefficient)
                 self.coefficient = max(self._least, self._fall * min(self.coefficient, bound))
@@ -161,7 +169,7 @@ class FrictionMonitor:
 
 
 def _slide() -> ca.Function:
-    """Return a contact point's smoothed velocity, and the square of its part along the surface."""
+    """Return a contact point's smoothed velocity, and the squares of its part along the surface and of its slide."""
     smoothed, measured, normal, share = (ca.SX.sym(name, n) for name, n in zip("vmns", (3, 3, 3, 1), strict=True))
     velocity = smoothed + share * (measured - smoothed)
     (x, y, z), (a, b, c) = ca.vertsplit(velocity), ca.vertsplit(normal)
@@ -169,10 +177,10 @@ def _slide() -> ca.Function:
     u, v, w = x - out * a, y - out * b, z - out * c
     along = u * u + v * v + w * w
     # A foot that rolls off an edge sinks as it slides, which is no evidence of friction.
-    speed = ca.if_else(out * out < _SINKING * along, along, 0.0)
+    speeds = ca.vertcat(along, ca.if_else(out * out < _SINKING * along, along, 0.0))
     names = ["smoothed", "measured", "normal", "share"]
     return ca.Function(
-        "foot_slide", [smoothed, measured, normal, share], [velocity, speed], names, ["smoothed_next", "speed"]
+        "foot_slide", [smoothed, measured, normal, share], [velocity, speeds], names, ["smoothed_next", "speeds"]
     )
 
 

@@ -36,9 +36,9 @@ _OUTLIER = 8.0
 """Distance of an external pose or velocity from the estimate at which it cannot be true, in standard deviations."""
 _CONTACT_FORCE = (0.12, 0.8)
 """N per kg of the robot: thresholds of lift-off and touchdown. A quarter of the weight is 2.5."""
-_LOADS_S = 5e-3
-"""s over which the loads of soles are smoothed: noise of a joint's speed, differentiated, times the inertia of a heavy
-leg is more than these thresholds."""
+_SURE = 6.0
+"""Standard deviations of the load of a foot in the air that a touchdown takes: noise of the joints' speeds,
+differentiated, times the inertia of a heavy leg may be more than the threshold, and is smoothed until it is not."""
 
 
 class LeggedEstimatorSettings(ImuNoise):
@@ -184,6 +184,15 @@ def _finite(values: Array | None, count: int) -> Array | None:
     return None if values is None or not np.isfinite(values[:count]).all() else values[:count]
 
 
+def _share_of_newest(most: float, noise: float) -> float:
+    """Return the share of a first-order filter's newest input with which differenced white noise leaves ``most``.
+
+    Differences of unit variance each leave a standard deviation of ``s / sqrt(2 - s)``.
+    """
+    square = (most / noise) ** 2 if noise > most else 1.0
+    return 0.5 * (math.sqrt(square * (square + 8.0)) - square)
+
+
 class GroundBelief(Protocol):
     """The surface under the feet, as a controller believes it to be.
 
@@ -290,7 +299,8 @@ class LeggedEstimator:
         release, touch = normal_force_range(settings.contact_force_n, _CONTACT_FORCE, robot.mass)
         self._detector = ContactDetector(robot.nf, touch, release)
         self.contacts: BoolArray = self._feet.spread(self._detector.touching)
-        self._loads, self._smoothing = np.zeros(robot.nf), min(1.0, duration_of("period", period) / _LOADS_S)
+        noise = self.legs.load_noise(robot.q_reference[7:], settings.joint_velocity_noise_rad_s)
+        self._loads, self._newest = np.zeros(robot.nf), _share_of_newest(touch, _SURE * noise)
         self.rejected = np.zeros(robot.nc, dtype=np.bool_)
         self._moved = np.full(robot.nc, -math.inf)  # when each foot was last found to move, s
         self._gate, self._rest = chi_square_bound(settings.outlier_probability), settings.rest_s
@@ -349,10 +359,9 @@ class LeggedEstimator:
         self._time = reading.time
         legs.update(reading, ekf.rotation, ekf.velocity, ekf.gyro_bias, periods)
         normal_forces = legs.forces @ self._up if self._even else (legs.forces * legs.normals).sum(axis=1)
-        if not self._feet.single:
-            self._loads += self._smoothing * (self._feet.total(normal_forces) - self._loads)
-            normal_forces = self._loads
-        self.contacts = self._feet.spread(self._detector.update(normal_forces))
+        self._loads *= 1.0 - self._newest
+        self._loads += self._newest * self._feet.total(normal_forces)
+        self.contacts = self._feet.spread(self._detector.update(self._loads))
         resting = self.contacts & self._slow() & (reading.time - self._moved >= self._rest)
         for foot in (ekf.touching & ~resting).nonzero()[0].tolist():
             ekf.end_contact(foot)

@@ -1,5 +1,7 @@
 """Positions, motion and forces of the feet, from joint encoders, motor currents and the IMU."""
 
+import math
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -68,7 +70,7 @@ class LegSensing:
         memory["variances"][:] = encoder_noise**2, foot_noise**2
         outputs = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
         self._run = kernel.bind(1, **memory, **outputs)
-        nc = robot.nc
+        self._patches, nc = robot.foot_points, robot.nc
         self.positions, self.rates, self.velocities, self.forces = (
             outputs[name].reshape(nc, 3) for name in ("positions", "rates", "velocities", "forces")
         )
@@ -79,6 +81,25 @@ class LegSensing:
     def reset(self) -> None:
         """Discard the last reading: at the next one the accelerations are assumed to be zero."""
         self._running = False
+
+    def load_noise(self, joints: Array, deviation: float) -> float:
+        """Return the standard deviation of a vertical foot's load at rest by noise of the joints' speeds, N.
+
+        Args:
+            joints: (nu,) angles, at which the base is upright.
+            deviation: standard deviation of a joint's speed, rad/s.
+
+        Returns:
+            The largest of all feet.
+        """
+        self.reset()
+        self._joints[:], self._rotation[...], self._faster[:] = joints, np.eye(3), 0.0
+        loads = []
+        for change in (0.0, *(math.sqrt(2.0) * deviation * self._rate * np.eye(len(joints)))):
+            self._faster[:] = change
+            self._run()
+            loads.append(self._patches.total(self.forces[:, 2]))
+        return float(np.linalg.norm(np.subtract(loads[1:], loads[0]), axis=0).max())
 
     def update(
         self, reading: Measurement, rotation: Array, velocity: Array, gyro_bias: Array, periods: int = 1

@@ -47,17 +47,55 @@ def test_while_a_stance_foot_slides_it_falls_with_its_time_constant(tilt: np.nda
 def test_the_slope_of_the_force_under_which_a_foot_slides_ever_faster_bounds_it_at_once(tilt: np.ndarray) -> None:
     monitor = FrictionMonitor(0.6, 1e-3, fall_time=1e6)
     forces = FORCES.copy()
-    forces[1] = [3.0, -4.0, 12.5]
+    forces[1] = [-3.0, 4.0, 12.5]
     update(monitor, tilt, velocities(1, 0.05), forces)
     assert monitor.coefficient == 0.6
     update(monitor, tilt, velocities(1, 0.4), forces)
     assert monitor.coefficient == pytest.approx(0.4)
-    forces[1] = 0.0  # a foot without any load slides for other reasons: no further than by half
-    update(monitor, tilt, velocities(1, 0.5), forces)
-    assert monitor.coefficient == pytest.approx(0.4)
-    forces[1, 2] = 1.0
-    update(monitor, tilt, velocities(1, 0.6), forces)
+    for load in (0.0, 1.0):
+        forces[1] = [-0.03, 0.04, load]  # a foot with hardly any load slides for other reasons
+        update(monitor, tilt, velocities(1, 0.5 + 0.1 * load), forces)
+        assert monitor.coefficient == pytest.approx(0.4)
+    forces[1, 2] = 2.0  # and one with more of it perhaps: no further than by half
+    update(monitor, tilt, velocities(1, 0.7), forces)
     assert monitor.coefficient == pytest.approx(0.2)
+
+
+def test_a_foot_that_was_faster_in_the_same_slide_proves_nothing(tilt: np.ndarray) -> None:
+    """One that chatters on the ground is faster now and then, and comes to rest."""
+    monitor, forces = FrictionMonitor(0.6, 1e-3, fall_time=1e6), FORCES.copy()
+    for _ in range(12):
+        update(monitor, tilt, velocities(1, 1.0), forces)
+    assert monitor.coefficient == pytest.approx(0.6)
+    steep = monitor.coefficient
+    forces[1] = [-3.0, 4.0, 12.5]
+    for k in range(20):
+        assert update(monitor, tilt, velocities(1, 0.75 - 0.03 * k + 0.2 * (k % 2)), forces) == steep
+    for _ in range(20):
+        update(monitor, tilt, velocities(1, 0.0), forces)
+    update(monitor, tilt, velocities(1, 0.4), forces)  # another slide
+    assert monitor.coefficient == pytest.approx(0.4)
+
+
+def test_a_foot_that_bounced_proves_nothing_while_it_comes_to_rest(tilt: np.ndarray) -> None:
+    """It sinks at first, which is no slide, and then slides ever more slowly."""
+    monitor, forces = FrictionMonitor(0.6, 1e-3), np.tile([0.0, 0.0, 8.0], (4, 1))
+    for k in range(30):
+        assert update(monitor, tilt, velocities(1, 0.7 * 0.7**k, up=-0.5 * 0.5**k), forces) == 0.6
+
+
+def test_a_slide_that_began_outside_the_cone_of_steeper_ground_proves_nothing_later() -> None:
+    monitor, steep = FrictionMonitor(0.6, 1e-3, fall_time=1e6), np.radians(15.0)
+    for lean, after in ((20.0, 0.6), (5.0, 0.6)):  # degrees from the vertical, away from the slide
+        forces = np.tile(10.0 * np.array([np.sin(np.radians(lean)), 0.0, np.cos(np.radians(lean))]), (4, 1))
+        for _ in range(20):
+            moving = np.zeros((4, 3))
+            moving[1] = -(0.5 + 0.1 * (lean < 10.0)) * np.array([np.cos(steep), 0.0, np.sin(steep)])
+            assert monitor.update(moving, STANCE, forces, np.tile([0.0, 0.0, 1.0], (4, 1))) == after
+    monitor.reset()
+    for _ in range(20):
+        monitor.update(moving, STANCE, forces, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert monitor.coefficient < 0.4  # without that
 
 
 def test_a_foot_that_slows_down_proves_nothing(tilt: np.ndarray) -> None:
@@ -156,7 +194,7 @@ def test_feet_that_have_just_landed_are_evidence_when_fast_and_if_they_carry_mos
     """Two corners of a sole that lands beside one that carries are no evidence."""
     monitor, normals = FrictionMonitor(0.6, 1e-3, fall_time=1e6), np.tile(tilt[:, 2], (4, 1))
     forces = np.tile([0.0, 0.0, others], (4, 1))
-    forces[list(feet)] = [3.0, -4.0, 12.5]
+    forces[list(feet)] = [-3.0, 4.0, 12.5]
     for size in (0.0, 3.0 * speed):  # smoothed: 39 % of it
         moving = sum(velocities(foot, size) for foot in feet)
         monitor.update(moving @ tilt.T, [False] * 4, forces @ tilt.T, normals, [True, False, False, True])

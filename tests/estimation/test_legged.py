@@ -64,6 +64,28 @@ def test_contacts_follow_a_lifted_and_a_set_foot(solo12: Robot, estimator: Legge
     np.testing.assert_allclose(estimator.ekf.points, before, atol=1e-6)
 
 
+def test_noise_of_the_joints_speeds_makes_no_foot_in_the_air_touch(solo12: Robot) -> None:
+    """Its acceleration's is 0.8 of the threshold of a touchdown here; an impact of the same impulse is one at once."""
+    rng, standing, noise = np.random.default_rng(2), resting(solo12, np.eye(3)), 0.1
+    estimator = LeggedEstimator(solo12, PERIOD, LeggedEstimatorSettings(joint_velocity_noise_rad_s=noise))
+    air = pin.computeGeneralizedGravity(solo12.model, solo12.create_data(), solo12.q_reference)[6:]
+
+    def touches(torques: np.ndarray) -> bool:
+        estimator.update(standing._replace(torques=torques, speeds=noise * rng.normal(size=12)))
+        return bool(estimator.contacts.any())
+
+    forces, threshold = [], 0.8 * solo12.mass
+    for _ in range(2000):
+        assert not touches(air)
+        forces.append(estimator.legs.forces[:, 2].max())
+    assert np.mean(np.array(forces) > threshold) > 0.1
+    for _ in range(20):
+        for _ in range(20):
+            touches(air)
+        assert not estimator.contacts.any()
+        assert touches(air + 5.0 * (standing.torques - air))
+
+
 def test_a_sliding_foot_is_in_contact_but_does_not_correct_the_estimate(
     solo12: Robot, estimator: LeggedEstimator
 ) -> None:

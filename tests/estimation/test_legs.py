@@ -98,6 +98,16 @@ def test_forces_are_those_of_legs_and_base_that_accelerate(solo12: Robot, legs: 
     assert np.abs(legs.forces[1:3]).max() > 0.5
 
 
+def test_the_noise_of_loads_is_that_of_readings_with_noise(solo12: Robot, legs: LegSensing) -> None:
+    rng, deviation = np.random.default_rng(6), 0.05
+    expected, loads, still = legs.load_noise(solo12.q_reference[7:], deviation), [], np.zeros(3)
+    legs.reset()
+    for _ in range(4000):
+        legs.update(reading(solo12.q_reference[7:], deviation * rng.normal(size=12)), np.eye(3), still, still)
+        loads.append(legs.forces[:, 2].copy())
+    np.testing.assert_allclose(np.std(loads[1:], axis=0), expected, rtol=0.05)
+
+
 def test_known_friction_of_the_joints_is_no_force_of_the_feet(solo12: Robot, legs: LegSensing) -> None:
     """The motors of joints that turn overcome it, in their direction."""
     rng, friction = np.random.default_rng(5), np.linspace(0.02, 0.2, 12)

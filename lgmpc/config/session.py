@@ -8,7 +8,7 @@ from types import FrameType
 from typing import Protocol, TypeVar
 
 from lgmpc.errors import Interrupted
-from lgmpc.runs import Metrics, RunLog, TrajectoryLog, Verdict
+from lgmpc.runs import Metrics, RunFolder, RunLog, TrajectoryLog, Verdict
 from lgmpc.runs.certificate import Certificate
 from lgmpc.solvers import Progress as Progress, Solution
 
@@ -74,6 +74,14 @@ class Session(Protocol):
             progress: called between ticks, about every 0.05 s of simulated time. If it raises KeyboardInterrupt the
                 run ends there and its partial log is returned, marked as interrupted.
         """
+
+
+class Saved(Protocol):
+    """A run or a solve that has its folder."""
+
+    @property
+    def folder(self) -> RunFolder:
+        """Its folder."""
 
 
 IterationReport = Callable[[Progress], None]

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from lgmpc.config.loading import parse_any_config
 from lgmpc.config.robots import build_any_robot, joint_limits
+from lgmpc.config.session import Saved
 from lgmpc.config.solving import solution_as_run
 from lgmpc.errors import InputError
 from lgmpc.problems import Scenario
@@ -23,11 +24,11 @@ from lgmpc.viz.film import FILM_KINDS, write_film
 from lgmpc.viz.recordings import write_mcap, write_rrd
 from lgmpc.world import World, make_world
 
-if TYPE_CHECKING:
-    from lgmpc.config.execution import FinishedRun, FinishedSolve
+AnyRun: TypeAlias = str | Path | Saved
+"""A run folder, ``latest``, or the value of :func:`run_config` or :func:`solve_config`."""
 
 
-def show(run: "str | Path | FinishedRun | FinishedSolve", html: str | Path | None = None) -> Path | None:
+def show(run: AnyRun, html: str | Path | None = None) -> Path | None:
     """Replay a run: embedded in a notebook, else as ``replay.html`` in its folder, which the browser opens.
 
     Args:
@@ -49,7 +50,7 @@ def _replay(run: Run | SolvedRun) -> str:
     return replay_page(_robot_of(run), run, _ground_of(run))
 
 
-def export(run: "str | Path | FinishedRun | FinishedSolve", file: str | Path, table: str | None = None) -> Path:
+def export(run: AnyRun, file: str | Path, table: str | None = None) -> Path:
     """Write a run for other tools, in the format that the file's suffix names.
 
     Args:
@@ -135,7 +136,7 @@ def _display(page: str, html: str | Path | None, default: Path) -> Path | None:
     return file
 
 
-def plot(run: "str | Path | FinishedRun | FinishedSolve") -> Plots:
+def plot(run: AnyRun) -> Plots:
     """Draw the figures of a run: motion, forces, torques, timings.
 
     Args:
@@ -152,7 +153,7 @@ def plot(run: "str | Path | FinishedRun | FinishedSolve") -> Plots:
     return plot_run(_robot_of(loaded), loaded)
 
 
-def explain(run: "str | Path | FinishedRun | FinishedSolve") -> Explanation:
+def explain(run: AnyRun) -> Explanation:
     """Find the events that led to the failure of a closed loop, or the course and end of a solve.
 
     Args:
@@ -201,7 +202,7 @@ def _controls(log: TrajectoryLog) -> Iterator[Nearest]:
             )
 
 
-def report(run: "str | Path | FinishedRun | FinishedSolve", html: str | Path | None = None) -> Path:
+def report(run: AnyRun, html: str | Path | None = None) -> Path:
     """Write a report of a run: one self-contained page with verdict, events, figures, replay, config and versions.
 
     Args:
@@ -238,7 +239,7 @@ def _config_of(run: Run | SolvedRun) -> Any:
     return parse_any_config(run.config, name=str(run.path / CONFIG_FILE), folder=run.path)
 
 
-def _load(run: "str | Path | FinishedRun | FinishedSolve") -> Run | SolvedRun:
+def _load(run: AnyRun) -> Run | SolvedRun:
     place: Any = getattr(getattr(run, "folder", None), "path", run)
     return load_run(place)
 

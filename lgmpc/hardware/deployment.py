@@ -115,9 +115,12 @@ class Deployment:
 
     @property
     def too_slow(self) -> str:
-        """Statement that this machine is too slow, with the remedy; empty if most commands were in time."""
+        """Statement that this machine is too slow, with the remedy; empty if most commands were in time.
+
+        A robot whose measurements are never overtaken has waited for its commands: in lock step none is too late.
+        """
         unanswered, count = self.late + self.overtaken, self.ticks + self.overtaken
-        if unanswered <= _MOST_LATE * count:
+        if unanswered <= _MOST_LATE * count or not self.overtaken:
             return ""
         median = 1e3 * float(np.median(self.spent))
         return (

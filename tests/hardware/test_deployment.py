@@ -170,6 +170,7 @@ def test_a_machine_that_is_too_slow_is_named(
     assert bool(figures.too_slow) is slow
     late = dataclasses.replace(figures, late=figures.ticks)
     assert late.too_slow and "lower wbc.rate_hz" in late.too_slow
+    assert not dataclasses.replace(late, overtaken=0).too_slow  # in lock step the robot waits
     if slow:
         assert [each.message for each in caplog.records][-1].startswith("this machine is too slow")
 

@@ -115,7 +115,7 @@ class LeggedController:
         self._estimators: list[Any] = [each for each in found if each is not None]
         self._period, self._time, self._elapsed = period, math.nan, period
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
-        self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass)
+        self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass, wbc.hands)
         self._mode_settings = ModeSettings() if modes is None else modes
         self.modes, self._inputs = ModeMachine(), TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)

@@ -1,9 +1,10 @@
-"""Uncommanded steps: against a push beyond the limits of the feet in place, and back to the initial position."""
+"""Uncommanded steps: against a push beyond the limits of the feet in place and back, and to where hands reach."""
 
 from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +22,7 @@ from lgmpc.locomotion.reference import ReferenceBuilder
 from lgmpc.mpc import MeasuredState
 from lgmpc.timegrid import TimeGrid
 from lgmpc.typing import Array
-from lgmpc.wbc import WholeBodyTerms
+from lgmpc.wbc import HandMotion, WholeBodyTerms
 
 _LOG = logging.getLogger(__name__)
 _REST = 0.05  # m/s
@@ -64,17 +65,22 @@ class PushSteps:
         feet: whose clock is started.
         reference: of the robot; its place is the one to return to.
         mass: of the robot, kg.
+        hands: of the whole-body controller.
 
     Attributes:
-        active: whether the robot steps against a push, or goes back after it.
+        active: whether the robot steps against a push, goes back after it, or to where its hands reach.
         deciding: whether schedules are being evaluated.
         costs: of the schedules evaluated so far; those of the last decision once it is made.
     """
 
-    def __init__(self, settings: StepReactionSettings, feet: Feet, reference: ReferenceBuilder, mass: float) -> None:
+    def __init__(
+        self, settings: StepReactionSettings, feet: Feet, reference: ReferenceBuilder, mass: float,
+        hands: Sequence[HandMotion] = (),
+    ) -> None:  # fmt: skip
         self.settings, self.active, self.deciding = settings, False, False
         self.costs: list[float] = []
         self._feet, self._reference, self._mass, self._height = feet, reference, mass, feet.legs.height
+        self._hands = hands
         self._reaction = StepReaction(settings, self._height)
         self._schedules = feet.step_schedules() if settings.enabled else ()
         self._home, self._captured, self._displaced_since = (0.0, 0.0, 0.0), math.inf, math.inf
@@ -177,15 +183,20 @@ class PushSteps:
         return True
 
     def return_feet(self, time: float, motion: BaseMotion, moves: bool, settings: ModeSettings) -> bool:
-        """Step in place if a foot of a robot at rest has long been far from where it belongs; return whether it does.
+        """Step to where the hands reach, or in place if a foot of a robot at rest has long been far from its place.
 
         Args:
             time: s.
             motion: of the robot in the plane.
             moves: whether a velocity is commanded.
             settings: how far and how long.
+
+        Returns:
+            Whether it begins to step.
         """
         reference, feet = self._reference, self._feet
+        if self._hands and not moves and self._approach(time):
+            return True
         displaced = (
             feet.standing
             and not moves
@@ -197,6 +208,17 @@ class PushSteps:
             return False
         self._displaced_since = math.inf
         return feet.step_in_place(time)
+
+    def _approach(self, time: float) -> bool:
+        """Begin to go to where the hands reach the ends of their motions, if one does not from here."""
+        at, x, y = self._reference, self._reference.x, self._reference.y
+        for hand in self._hands:
+            x, y = hand.reached_from(x, y)
+        near = math.hypot(x - at.x, y - at.y) < self.settings.place_tolerance_m
+        if near or self.deciding or not self._feet.standing or not self._feet.step_in_place(time):
+            return False
+        self._home, self._captured, self.active = (x, y, at.yaw), time, True
+        return True
 
     def _write_horizon(self, schedule: StepSchedule, pushed: _Pushed, horizon: TimeGrid) -> None:
         """Write the contacts that a schedule would lead to."""

@@ -147,6 +147,15 @@ class HandMotion:
         if settings.integral_gain > 0.0:
             self._integrate(elapsed, q)
 
+    def reached_from(self, x: float, y: float) -> tuple[float, float]:
+        """Return the place of the centre of mass, m, nearest to (x, y) from which the end of the motion is in reach."""
+        reach, end = self._settings.reach_m, self._from.translation + self._way[:3]
+        if reach is None or self._done == 0 or self._settings.relative_to == "base":
+            return x, y
+        dx, dy = float(end[0]) - x, float(end[1]) - y
+        share = 1.0 - min(reach / max(math.hypot(dx, dy), 1e-9), 1.0)
+        return x + share * dx, y + share * dy
+
     def poses(self, q: Array) -> Array:
         """Return (2, 7) poses in the world [position, quaternion x y z w] at a configuration: hand and target."""
         axes, target = self._task.axes(q), pin.SE3(self._task.target.rotation, self._task.target.position)

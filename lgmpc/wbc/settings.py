@@ -79,6 +79,11 @@ class HandSettings(Settings):
     largest_error_m: Annotated[float, Field(strict=True, ge=1e-3, le=1.0)] = key(
         0.03, "Error to which the feedback is limited: a target out of reach does not pull over, m."
     )
+    reach_m: Positive | None = key(
+        None,
+        "Horizontal distance from the centre of mass beyond which a standing robot steps towards the end of a motion in"
+        " the world, by locomotion.reaction.gait, m. null: it does not.",
+    )
     moves: tuple[HandMove, ...] = key((), "Motions, in order of time.")
 
     @field_validator("moves")

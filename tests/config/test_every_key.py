@@ -218,8 +218,8 @@ SOLO = {
     "hand": Scene(
         "solo12_stand",
         [
-            "wbc.hands=[{frame: FL_FOOT, integral_gain: 1000, largest_error_m: 0.001, moves: ["
-            "{at_s: 0.01, duration_s: 0.05, position_m: [0.2, 0.1, -0.1], rpy_deg: [0, 5, 0]}]}]",
+            "wbc.hands=[{frame: FL_FOOT, relative_to: world, integral_gain: 1000, largest_error_m: 0.001, reach_m: 0.1,"
+            "moves: [{at_s: 0.01, duration_s: 0.05, position_m: [0.2, 0.1, -0.1], rpy_deg: [0, 5, 0]}]}]",
             "duration_s=0.06",
         ],
         ("wbc.hands.*",),

@@ -92,6 +92,16 @@ def test_poses_in_the_world_are_relative_to_the_base_at_the_start() -> None:
     np.testing.assert_allclose([*rates[0], *rates[-1]], 0.0, atol=1e-12)
 
 
+def test_a_robot_steps_to_where_its_hand_reaches_and_stands_there() -> None:
+    """The base as its hand: 0.2 m ahead, of which 0.05 are within reach."""
+    hand = "{frame: base_link, relative_to: world, weight: 0.01, rotation_weight: 0, reach_m: 0.05"
+    moves = "moves: [{at_s: 0.1, duration_s: 0.5, position_m: [0.2, 0, 0]}]"
+    changes = [f"wbc.hands=[{hand}, {moves}}}]", "duration_s=1.9"]
+    log = prepare(load_config(CONFIGS / "solo12_stand.yaml", changes)).run(lambda progress: None).log
+    assert log.com[-1, 0] - log.com[0, 0] == pytest.approx(0.15, abs=0.01)
+    assert not log.stance.all() and log.stance[log.time > 1.8].all()
+
+
 @pytest.mark.slow
 def test_a_hand_stays_in_the_world_while_the_robot_trots() -> None:
     """At 0.3 m/s, elsewhere and turned, in the plant that the config's own test does not use."""

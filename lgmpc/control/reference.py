@@ -142,14 +142,9 @@ class DesiredMotion:
         self._limiter.command = MotionCommand()
 
     def follow(
-        self,
-        request: MotionCommand,
-        elapsed: float,
-        friction: float,
-        terms: WholeBodyTerms,
-        stepping: bool,
+        self, request: MotionCommand, elapsed: float, friction: float, terms: WholeBodyTerms, stepping: bool,
         load: tuple[float, float],
-    ) -> BaseMotion:
+    ) -> BaseMotion:  # fmt: skip
         """Follow a command within the limits, and stay near the robot while it steps; return how the robot moves.
 
         Args:

@@ -59,15 +59,9 @@ class FrictionMonitor:
     """
 
     def __init__(
-        self,
-        nominal: float,
-        period: float,
-        sliding_speed: float = 0.1,
-        fall_time: float = 0.05,
-        rise_time: float = 20.0,
-        least: float = 0.1,
-        points: FootPoints | None = None,
-    ) -> None:
+        self, nominal: float, period: float, sliding_speed: float = 0.1, fall_time: float = 0.05,
+        rise_time: float = 20.0, least: float = 0.1, points: FootPoints | None = None,
+    ) -> None:  # fmt: skip
         names, values = ("nominal", "period"), (nominal, period, sliding_speed, fall_time, rise_time, least)
         for name, value in zip((*names, "sliding_speed", "fall_time", "rise_time", "least"), values, strict=True):
             number(name, value, "a positive number", above=0.0)
@@ -105,13 +99,9 @@ class FrictionMonitor:
         self._smoothed[...] = smoothed
 
     def update(
-        self,
-        contact_velocities: Array,
-        settled: Sequence[bool],
-        forces: Array,
-        normals: Array,
+        self, contact_velocities: Array, settled: Sequence[bool], forces: Array, normals: Array,
         stance: Sequence[bool] | None = None,
-    ) -> float:
+    ) -> float:  # fmt: skip
         """Return the new coefficient.
 
         Args:

@@ -99,13 +99,9 @@ class WholeBodyQp:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        settings: WholeBodySettings,
-        tasks: Sequence[Task],
-        solver: WholeBodySolver,
+        self, robot: Robot, settings: WholeBodySettings, tasks: Sequence[Task], solver: WholeBodySolver,
         terms: WholeBodyTerms,
-    ) -> None:
+    ) -> None:  # fmt: skip
         nv, nu, base = robot.nv, robot.nu, robot.nv - robot.nu
         self.contacts = Contacts.standing(robot, settings, terms.normals)
         self.external_wrench = np.zeros(6)

@@ -67,14 +67,9 @@ class WholeBodySolver:
     """ProxQP's infinity."""
 
     def __init__(
-        self,
-        variables: int,
-        equalities: int,
-        inequalities: int,
-        tolerance: float = 1e-6,
-        max_iterations: int = 50,
+        self, variables: int, equalities: int, inequalities: int, tolerance: float = 1e-6, max_iterations: int = 50,
         method: Literal["active_set", "proxqp"] = "active_set",
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.size = variables
         self._qp = qp = proxqp.dense.QP(variables, equalities, inequalities, True)
         settings = qp.settings
@@ -201,18 +196,9 @@ class DualActiveSet:
     """
 
     def __init__(
-        self,
-        hessian: Array,
-        gradient: Array,
-        equality: Array,
-        equality_rhs: Array,
-        inequality: Array,
-        lower: Array,
-        upper: Array,
-        box_lower: Array,
-        box_upper: Array,
-        tolerance: float,
-    ) -> None:
+        self, hessian: Array, gradient: Array, equality: Array, equality_rhs: Array, inequality: Array, lower: Array,
+        upper: Array, box_lower: Array, box_upper: Array, tolerance: float,
+    ) -> None:  # fmt: skip
         (m, n), e = inequality.shape, len(equality)
         self.solution: Array = np.zeros(n)
         self.values: Array = np.zeros(m)

@@ -377,7 +377,7 @@ class LeggedController:
         (steps if steps.active else feet).follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
         self._desired.builder.draw(self._elapsed, feet.drawn)
-        feet.write_contacts(time, self._tasks.swing)
+        feet.write_contacts(time, self._tasks.swing, steps.active)
         wbc.contacts.friction[...] = self.floor.update(
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals, feet.points.spread(feet.stance)
         )

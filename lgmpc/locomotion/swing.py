@@ -33,6 +33,7 @@ _OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of t
 _OBSTACLE_SHARE = 0.35  # of the height: the highest obstacle that a foot rises over
 _LOST_COMMANDS = 3
 _LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
+_BEYOND_SHARE = 1.1  # of the largest acceleration: from here on feet are bound to lag
 _FREE_SHARE = 0.8  # of the largest acceleration: up to it feet follow their paths unless something is in the way
 _RISING_SHARE = 0.6
 """Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
@@ -193,7 +194,7 @@ class SwingTrajectory:
         self.touchdown = self._latest = touchdown
         self._ahead_s, self._again = 0.0, False
         x, y, z = (float(value) for value in position)
-        self.target = (x, y, z)
+        self.target, self._from = (x, y, z), (x, y)
         self._plan_fall(t, (z, 0.0, 0.0))
         self._plan_plane(t, (x, 0.0, 0.0), (y, 0.0, 0.0))
 
@@ -221,6 +222,11 @@ class SwingTrajectory:
         behind = vx * x + vy * y > (self._obstructed + _LOST_COMMANDS * period * speed) * speed
         slow = vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
         return behind and slow and self._acceleration() < _FREE_SHARE * self.settings.acceleration_m_s2
+
+    @property
+    def unattainable(self) -> bool:
+        """Whether the motors cannot swing the foot to its target by the touchdown."""
+        return self.touchdown > self.liftoff and self._acceleration() > _BEYOND_SHARE * self.settings.acceleration_m_s2
 
     def _acceleration(self) -> float:
         """Return the largest acceleration in the plane of a step from rest to the target in the swing's time, m/s2."""

@@ -179,12 +179,12 @@ def test_steps_against_a_push_take_as_long_as_in_the_forecast_that_chose_them() 
 
 @pytest.mark.parametrize(
     ("plant", "impulse"),
-    [("mujoco", (5.0, 0.0)), *(pytest.param(*each, marks=pytest.mark.slow) for each in (
-        ("mujoco", (4.33, 2.5)), ("mujoco", (0.0, 5.0)), ("pinocchio", (4.0, 0.0))
+    [("pinocchio", (5.0, 0.0)), *(pytest.param(*each, marks=pytest.mark.slow) for each in (
+        ("mujoco", (5.0, 0.0)), ("mujoco", (4.33, 2.5)), ("mujoco", (0.0, 5.0))
     ))],
 )  # fmt: skip
 def test_a_stroke_of_20_ms_is_survived(plant: str, impulse: tuple[float, float]) -> None:
-    """Feet that lag because the motors are too weak for their steps were taken for blocked ones, and stayed up."""
+    """Feet that lag because the motors are too weak for their steps were taken for blocked ones, or slid on."""
     session = pushed(impulse, seconds=1.8, overrides=(f"plant.kind={plant}",), lasting=0.02)
     assert not session.controller.fallen and session.controller.push_steps.active
 

@@ -34,20 +34,13 @@ from lgmpc.wbc import WholeBodyController
 
 _LOG = logging.getLogger(__name__)
 
-_SETTLING = 0.08
-"""s after a touchdown in which feet carry only once they touch the ground."""
-
-_LOOK_AHEAD = 3
-"""Ticks within which no joint may exceed its limits."""
+_SETTLING = 0.08  # s after a touchdown in which feet carry only once they touch the ground
+_LOOK_AHEAD = 3  # ticks within which no joint may exceed its limits
+_SURE = 2  # ticks of contact that end a flight
+_FASTEST, _SLOWEST = 1.25, 0.8  # speed of the clock in the air
 
 _FAR_RAD, _FAR_DEG = 0.5, 30.0
 """Distance of a joint and of the base's attitude from the beginning of a plan that is then not performed."""
-
-_SURE = 2
-"""Ticks of contact that end a flight."""
-
-_FASTEST, _SLOWEST = 1.25, 0.8
-"""Speed of the clock in the air."""
 
 _WEIGHTS = {"base_orientation": 10.0 / 3.0, "angular_momentum": 10.0}
 """Weights on the ground, in units of those while feet swing."""

@@ -42,8 +42,7 @@ _PRESS_SHARE, _FALLING = 0.1, 0.4
 """Load that brings a foot down to the ground that it lost, in weights, and the speed at which none is left, m/s."""
 
 _RAISING = 5.0  # weight of the height of a foot that is bound to lag, in those of its way
-_LEAST_REACH_SHARE = 0.2
-"""Least horizontal reach of legs that counts for the speed, in leg lengths."""
+_LEAST_REACH_SHARE = 0.2  # of the legs' length: the least horizontal reach that counts for the speed
 
 
 class Feet:
@@ -181,14 +180,16 @@ class Feet:
         """Return the command, no faster than the legs' reach allows on the ground ahead of a map.
 
         Within a stance the base moves by as much as its feet reach ahead and back, with the base higher above the
-        lowest of them by what the footholds are off their plane.
+        lowest of them by what the footholds are off their plane. Without a map, soles that go fast have the base low.
         """
-        if self.mapped is None or not command.moves:
+        if not command.moves or (self.mapped is None and self.points.single):
             return command
+        stance_s, speed = self.gait(command).stance_s, math.hypot(command.vx, command.vy)
+        if self.mapped is None:  # as far as the robot moves in a stance: half of that suffices without errors
+            return replace(command, height=min(command.height, self._planner.highest(speed * stance_s)))
         off = self.mapped.unevenness(self.footholds)
         reach = min(self._planner.reach(foot, command.height + off) for foot in range(self.clock.nc))
-        least = _LEAST_REACH_SHARE * float(self.legs.length.min())
-        most, speed = 2.0 * max(reach, least) / self.gait(command).stance_s, math.hypot(command.vx, command.vy)
+        most = 2.0 * max(reach, _LEAST_REACH_SHARE * float(self.legs.length.min())) / stance_s
         share = min(most / speed, 1.0) if speed > 0.0 else 1.0
         return command if share == 1.0 else replace(command, vx=command.vx * share, vy=command.vy * share)
 
@@ -213,10 +214,7 @@ class Feet:
     def displacement(self, x: float, y: float, yaw: float) -> float:
         """Return the largest horizontal distance of a foot from its place in the reference posture, m.
 
-        Args:
-            x: of the centre of mass there, world, m.
-            y: m.
-            yaw: of the base there, rad.
+        The centre of mass is at (x, y) there, world, m, and the base has the heading yaw, rad.
         """
         c, s = math.cos(yaw), math.sin(yaw)
         return max(

@@ -220,6 +220,10 @@ class FootholdPlanner:
         longest, drop = self._legs[foot]
         return math.sqrt(max(longest**2 - (drop + height) ** 2, 0.0))
 
+    def highest(self, distance: float) -> float:
+        """Return the largest commanded height, m, at which feet reach a horizontal distance from their hips, m."""
+        return min(math.sqrt(max(longest**2 - distance**2, 0.0)) - drop for longest, drop in self._legs)
+
     def _left(self, remaining: float) -> float:
         """Return the share of the velocity error that is left after a time, s."""
         decay = self.settings.error_decay_s

@@ -6,10 +6,8 @@ from lgmpc.actions.contacts import Contact as Contact
 from lgmpc.actions.dynamics import (
     ContactForwardDynamics as ContactForwardDynamics,
     Dynamics as Dynamics,
-    DynamicsSolution as DynamicsSolution,
     ExternalWrench as ExternalWrench,
     FreeForwardDynamics as FreeForwardDynamics,
-    Load as Load,
 )
 from lgmpc.actions.free_duration import ChooseStretch as ChooseStretch, Stretched as Stretched
 from lgmpc.actions.implicit import Unknowns as Unknowns

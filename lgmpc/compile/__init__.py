@@ -14,8 +14,8 @@ Environment:
   doubles as the processor's vectors hold).
 """
 
-from lgmpc.compile.cache import CacheReport as CacheReport, cache_folder as cache_folder, inspect_cache as inspect_cache
-from lgmpc.compile.compiler import Compiler as Compiler, find_compiler as find_compiler, jit_enabled as jit_enabled
+from lgmpc.compile.cache import cache_folder as cache_folder, inspect_cache as inspect_cache
+from lgmpc.compile.compiler import find_compiler as find_compiler, jit_enabled as jit_enabled
 from lgmpc.compile.index import cached as cached, made_anew as made_anew
 from lgmpc.compile.kernel import (
     BatchKernel as BatchKernel,
@@ -29,5 +29,5 @@ from lgmpc.compile.native import (
     reporting as reporting,
     sequence_of as sequence_of,
 )
-from lgmpc.compile.pipeline import Entries as Entries, Pipeline as Pipeline, PipelineStep as PipelineStep
+from lgmpc.compile.pipeline import Pipeline as Pipeline, PipelineStep as PipelineStep
 from lgmpc.compile.simd import EXACT as EXACT, SQUARES as SQUARES

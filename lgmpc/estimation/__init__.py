@@ -1,7 +1,6 @@
 """Estimation of the floating base's motion, of contacts, external wrenches and friction."""
 
 from lgmpc.estimation.friction import FrictionMonitor as FrictionMonitor
-from lgmpc.estimation.inertial import ImuNoise as ImuNoise, exponential_increment as exponential_increment
 from lgmpc.estimation.invariant_ekf import InvariantEkf as InvariantEkf
 from lgmpc.estimation.joint_faults import (
     JointFaultMonitor as JointFaultMonitor,

@@ -10,11 +10,9 @@ from lgmpc.mpc.full_body import (
 from lgmpc.mpc.interface import MeasuredState as MeasuredState, Mpc as Mpc
 from lgmpc.mpc.models import AnyMpcSettings as AnyMpcSettings, make_mpc as make_mpc
 from lgmpc.mpc.plan import (
-    MotionSample as MotionSample,
     MotionSampler as MotionSampler,
     Plan as Plan,
     PosturePlan as PosturePlan,
     PostureSample as PostureSample,
 )
 from lgmpc.mpc.settings import CentroidalWeights as CentroidalWeights, MpcSettings as MpcSettings
-from lgmpc.mpc.sqp import SqpMpc as SqpMpc

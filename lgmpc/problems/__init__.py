@@ -22,50 +22,29 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 from pydantic import Field
 
 from lgmpc.errors import InputError
-from lgmpc.locomotion.sequence import GaitPhase as GaitPhase
 from lgmpc.problems.flight import (
     FlightSettings as FlightSettings,
-    FlightWaypoint as FlightWaypoint,
-    FlightWeights as FlightWeights,
     Multirotor as Multirotor,
     MultirotorSettings as MultirotorSettings,
     build_flight as build_flight,
 )
-from lgmpc.problems.footsteps import (
-    BaseLeap as BaseLeap,
-    BasePath as BasePath,
-    BaseProfile as BaseProfile,
-    Footsteps as Footsteps,
-)
+from lgmpc.problems.footsteps import BasePath as BasePath, Footsteps as Footsteps
 from lgmpc.problems.free_jump import FreeJumpSettings as FreeJumpSettings, build_free_jump as build_free_jump
 from lgmpc.problems.legged import build_gait as build_gait, build_jump as build_jump, build_legged as build_legged
 from lgmpc.problems.legged_settings import (
     GaitSettings as GaitSettings,
     JumpSettings as JumpSettings,
-    JumpWeights as JumpWeights,
     LeggedSettings as LeggedSettings,
-    LeggedWeights as LeggedWeights,
 )
-from lgmpc.problems.reach import (
-    ReachSettings as ReachSettings,
-    ReachWeights as ReachWeights,
-    build_reach as build_reach,
-)
+from lgmpc.problems.reach import ReachSettings as ReachSettings, build_reach as build_reach
 from lgmpc.problems.righting import (
     LegStrokes as LegStrokes,
     RightingSettings as RightingSettings,
-    RightingWeights as RightingWeights,
     build_righting as build_righting,
 )
-from lgmpc.problems.scenario import (
-    Controls as Controls,
-    ProblemSettings as ProblemSettings,
-    Scenario as Scenario,
-    Waypoint as Waypoint,
-)
+from lgmpc.problems.scenario import ProblemSettings as ProblemSettings, Scenario as Scenario
 from lgmpc.problems.standing_reach import (
     StandingReachSettings as StandingReachSettings,
-    StandingReachWeights as StandingReachWeights,
     build_standing_reach as build_standing_reach,
 )
 from lgmpc.robot import Robot

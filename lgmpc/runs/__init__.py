@@ -9,20 +9,11 @@ from lgmpc.runs.folder import (
     find_run as find_run,
     load_run as load_run,
 )
-from lgmpc.runs.gate import (
-    Gate as Gate,
-    Outcome as Outcome,
-    SolveGate as SolveGate,
-    Verdict as Verdict,
-    judge as judge,
-    measured as measured,
-)
+from lgmpc.runs.gate import Gate as Gate, Outcome as Outcome, SolveGate as SolveGate, Verdict as Verdict, judge as judge
 from lgmpc.runs.intervals import PushInterval as PushInterval, push_intervals as push_intervals
 from lgmpc.runs.log import RunLog as RunLog
 from lgmpc.runs.metrics import (
-    EstimatorErrors as EstimatorErrors,
     Metrics as Metrics,
-    Timing as Timing,
     compute_metrics as compute_metrics,
     flat_metrics as flat_metrics,
     metric_names as metric_names,

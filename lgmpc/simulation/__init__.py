@@ -6,17 +6,10 @@ is not named here because it loads MuJoCo.
 
 from lgmpc.robot import Robot
 from lgmpc.simulation.disturbances import Push as Push, PushSchedule as PushSchedule
-from lgmpc.simulation.loop import (
-    Disturbance as Disturbance,
-    Loop as Loop,
-    Sensing as Sensing,
-    Tick as Tick,
-    control_ticks as control_ticks,
-    true_state as true_state,
-)
+from lgmpc.simulation.loop import Loop as Loop, Tick as Tick, control_ticks as control_ticks
 from lgmpc.simulation.parameters import PlantSettings as PlantSettings
 from lgmpc.simulation.pinocchio import PinocchioPlant as PinocchioPlant
-from lgmpc.simulation.plant import Plant as Plant, PlantSample as PlantSample
+from lgmpc.simulation.plant import Plant as Plant
 from lgmpc.simulation.sensors import SensorNoise as SensorNoise, Sensors as Sensors
 from lgmpc.world import World
 

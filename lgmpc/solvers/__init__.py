@@ -10,7 +10,6 @@ from lgmpc.solvers.line_search_sqp import LineSearchSqp as LineSearchSqp, LineSe
 from lgmpc.solvers.loop import (
     Callback as Callback,
     History as History,
-    Iterate as Iterate,
     IterativeSolver as IterativeSolver,
     Progress as Progress,
     Solver as Solver,
@@ -23,5 +22,5 @@ from lgmpc.solvers.methods import (
 )
 from lgmpc.solvers.nlp import NlpSettings as NlpSettings, NlpSolver as NlpSolver
 from lgmpc.solvers.real_time_sqp import RealTimeSqp as RealTimeSqp
-from lgmpc.solvers.solution import Solution as Solution, Timings as Timings
+from lgmpc.solvers.solution import Solution as Solution
 from lgmpc.status import Status as Status

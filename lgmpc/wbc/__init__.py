@@ -1,6 +1,6 @@
 """Whole-body control: tasks, one QP over accelerations and contact forces, ProxQP, torques."""
 
-from lgmpc.wbc.assembly import Contacts as Contacts, WholeBodyQp as WholeBodyQp
+from lgmpc.wbc.assembly import Contacts as Contacts
 from lgmpc.wbc.controller import WholeBodyController as WholeBodyController
 from lgmpc.wbc.hands import HandMotion as HandMotion, HandTask as HandTask
 from lgmpc.wbc.library import standard_tasks as standard_tasks

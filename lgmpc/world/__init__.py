@@ -23,11 +23,5 @@ from lgmpc.world.settings import (
     WorldSettings as WorldSettings,
     make_world as make_world,
 )
-from lgmpc.world.surfaces import (
-    Plane as Plane,
-    Softness as Softness,
-    Surface as Surface,
-    SurfaceContacts as SurfaceContacts,
-    Terrain as Terrain,
-)
+from lgmpc.world.surfaces import Plane as Plane, Softness as Softness, Terrain as Terrain
 from lgmpc.world.world import World as World

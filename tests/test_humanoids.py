@@ -115,6 +115,16 @@ def test_soles_reach_as_far_as_their_legs(legs):
     assert planner.highest(0.3) < planner.highest(0.2) < 0.1
 
 
+def test_soles_that_would_overlap_come_down_on_both_sides_of_the_centre_of_mass_alike(legs):
+    """Beside a foot that is off the path by 2 cm the next ones would stay off it, too, and the robot sway more."""
+    planner, still = FootholdPlanner(LegGeometry.of(legs)), BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+    beside = float(legs.foot_points.size[1]) + 0.015
+    places = [(0.0, 0.0), (0.0, -0.5 * beside - 0.02)]  # left, right
+    for foot in (0, 1, 0):
+        places[foot] = planner.place(foot, still, 0.0, 0.43, [places[1 - foot]], width=0.2)
+    assert [y for _, y in places] == pytest.approx([0.5 * beside, -0.5 * beside])
+
+
 def test_angular_momentum_of_legs_that_move_their_soles(legs):
     model, data, q = legs.model, legs.create_data(), legs.q_reference
     wanted = np.array([[0.4, 0.1, -0.2], [-0.3, 0.0, 0.1]])

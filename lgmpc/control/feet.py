@@ -196,8 +196,10 @@ class Feet:
     def follow(self, time: float, command: MotionCommand) -> None:
         """Follow the gait of a command; without velocity, stand. To stand, come to rest in the present gait."""
         if command.moves:
-            gait = self.gait(command)
-            self.clock.follow(time, self.clock.gait if gait.stands else gait, True)
+            gait = self.clock.gait if (commanded := self.gait(command)).stands else commanded
+            # On soles the weight is shifted first, for as long as both feet of a walk stand: not fallen into the step.
+            lead = 0.0 if self.points.single else max(0.5 * (gait.stance_s - gait.swing_s), 0.0)
+            self.clock.follow(time, gait, True, lead)
         else:
             self.clock.stop(time)
 

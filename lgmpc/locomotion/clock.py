@@ -109,18 +109,19 @@ class GaitClock:
 
     # Gait changes
 
-    def follow(self, t: float, gait: Gait, moving: bool) -> None:
+    def follow(self, t: float, gait: Gait, moving: bool, lead: float = 0.0) -> None:
         """Start, switch or stop as a command requires; has no effect while the command stays as it is.
 
         Args:
             t: time, s.
             gait: the commanded gait.
             moving: whether the command is to move; without, any gait ends in standing.
+            lead: time for which a robot at rest shifts its weight before the first lift-off, s.
         """
         if gait.stands or not moving:
             self.stop(t)
         elif self.stopping or (gait is not self.gait and gait != self.gait):
-            self.start(t, gait)
+            self.start(t + lead if self.rests(t) else t, gait)
 
     def start(self, t: float, gait: Gait, first: int | None = None, cycles: int | None = None) -> None:
         """Follow ``gait`` from now on, as soon as the swings that are under way have ended.

@@ -310,9 +310,11 @@ class FootholdPlanner:
         """Return the point moved away from each of the other feet that is nearer than the least distance."""
         x, y = point
         if self._beside:  # soles are side by side, and legs do not cross
-            left = self.feet[foot][1] > 0.0
+            side = math.copysign(1.0, self.feet[foot][1])
             for _, oy in others:
-                y = max(y, oy + self._beside) if left else min(y, oy - self._beside)
+                least = side * oy + self._beside
+                if side * y < least:  # around the centre of mass: beside a foot that is off it, it would stay off, too
+                    y = side * max(least, 0.5 * self._beside)
             return x, y
         least = self.spacing - _ROUNDING
         for ox, oy in others:

@@ -173,6 +173,17 @@ def test_the_same_command_changes_nothing() -> None:
     assert not clock.stopping and clock.gait.name == "walk"
 
 
+def test_a_robot_at_rest_shifts_its_weight_before_its_first_step_and_one_that_steps_does_not_wait() -> None:
+    clock = GaitClock(GAITS["stand"])
+    clock.follow(1.0, GAITS["trot"], True, 0.06)
+    assert clock.next_liftoff(0, 1.0) == pytest.approx(1.06) and not clock.rests(1.0)
+    clock.advance(1.1)
+    present = clock.swing(0, 1.1)
+    clock.follow(1.1, GAITS["walk"], True, 0.06)
+    assert present is not None
+    assert min(clock.next_liftoff(foot, 1.1) for foot in range(4)) == pytest.approx(present.touchdown)
+
+
 def test_lifted_feet_begin_with_a_swing() -> None:
     clock = GaitClock(GAITS["stand"], 2.0, contacts=np.array([True, False, True, True]))
     assert clock.flags(2.0).tolist() == [True, False, True, True]

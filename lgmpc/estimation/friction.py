@@ -22,8 +22,6 @@ _LOAD_SHARE = 0.65
 """Share of the load that these feet must carry together."""
 _SINKING = 0.2
 """Square of the least ratio of speeds along the normal and along the surface of a foot that rolls off an edge."""
-_EXCUSED = 1e6
-"""Square of a speed that no foot has: that of a slide on other ground than believed, which proves nothing any more."""
 _LEAST_LOAD = 0.05
 """Share of all feet's load that a foot must carry: a force of little more than nothing has no direction."""
 
@@ -37,10 +35,10 @@ class FrictionMonitor:
     floor's cone: that force's slope bounds the coefficient from above, which is lowered to it at once (no further than
     by half, because a foot may also slide for other reasons), and falls with time constant ``fall_time`` besides. A
     foot that was faster before in the same slide proves nothing (one that bounces meets the ground fast, and comes to
-    rest), nor does one that hardly carries, nor one of which the force was once outside the cone on the ground along
-    which it slides, but not on that believed. Feet that have just landed, or that bounce, count from 0.5 m/s on, and
-    only if they carry most of the load: on ice they fly from under a trotting robot within 30 ms, one of two may have
-    met an edge. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
+    rest), nor does one that hardly carries, nor one of which the force is outside the cone on the ground along which
+    it slides, but not on that believed. Feet that have just landed, or that bounce, count from 0.5 m/s on, and only if
+    they carry most of the load: on ice they fly from under a trotting robot within 30 ms, one of two may have met an
+    edge. While none slides, the coefficient rises towards ``nominal`` with ``rise_time``.
 
     Args:
         nominal: coefficient while no foot slides.
@@ -146,10 +144,7 @@ class FrictionMonitor:
         if faster:
             parts = np.split(given, firsts[1:])
             slopes = [_slopes(*(rows[foot].tolist() for rows in (parts, normals, velocities))) for foot in faster]
-            steeper = [here < self.coefficient <= there for here, there in slopes]
-            for foot, excused in zip(faster, steeper, strict=True):
-                before[foot] = _EXCUSED if excused else before[foot]
-            proven = [max(each) for each, excused in zip(slopes, steeper, strict=True) if not excused]
+            proven = [max(each) for each in slopes if not each[0] < self.coefficient <= each[1]]
             if proven:
                 bound = max(min(proven), _LEAST_SHARE * self.coefficient)
                 self.coefficient = max(self._least, self._fall * min(self.coefficient, bound))

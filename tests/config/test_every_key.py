@@ -258,7 +258,7 @@ OTHER: dict[str, Any] = {
     "walk/mpc.friction": 0.02,
     "walk/mpc.normal_force_n": (1.0, 50.0),
     "walk/wbc.normal_force_n": (1.0, 50.0),
-    "walk/estimator.contact_force_n": (1.0, 5.0),
+    "walk/estimator.contact_force_n": (20.0, 40.0),
     "walk/pushes.0.body": "leg_a",
     "walk/locomotion.gaits.0.duty": 0.7,
     "walk/locomotion.reaction.gait": "stand",

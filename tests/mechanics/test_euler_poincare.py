@@ -132,7 +132,7 @@ def test_other_parameters_compile_nothing_anew() -> None:
     [
         ({"step": 0.0}, "step: got 0.0; expected a positive"),
         ({"step": -1e-3}, "step: got"),
-        ({"step": np.nan}, "step: got nan"),
+        ({"step": np.nan}, "step: got NaN or infinity"),
         ({"steps": 0}, "steps: got 0"),
         ({"every": 3}, "every: got 3; expected a divisor"),
         ({"pose": 2 * np.eye(3)}, "pose: .* a rotation"),

@@ -159,9 +159,10 @@ class RunLog(ArrayFile):
     upright_axis: Array = _entry("axis of the base that is vertical in the robot's posture", 3, frame="base")
 
     def __post_init__(self) -> None:
-        sizes = {"nf": len(self.feet)}
+        sizes: dict[str, int] = {}
         for name, each in channels_of(RunLog, "entry").items():
             each.check(name, getattr(self, name), sizes)
+        sizes["nf"] = len(self.feet)  # of names whose shape is right
         for table in (*self._tick_tables(), MPC_CHANNELS):
             missing = [name for name in table if getattr(self, name) is None]
             if missing:
@@ -321,7 +322,8 @@ class RunLog(ArrayFile):
             RunFolderError: if a channel is missing or has the wrong shape or type.
         """
         feet = feet_of(map(str, np.ravel(arrays.get("contact_frames", ()))))
-        corners = [name for name in _OF_FEET if name in arrays and arrays[name].shape[1:] == (sum(feet.values()),)]
+        numbers = [name for name in _OF_FEET if name in arrays and arrays[name].dtype.kind in "biuf"]
+        corners = [name for name in numbers if arrays[name].shape[1:] == (sum(feet.values()),)]
         return super().from_arrays({**arrays, **{k: _combined(np.maximum, arrays[k], feet) for k in corners}})
 
     def decimated(self, every: int) -> RunLog:

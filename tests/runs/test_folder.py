@@ -12,6 +12,7 @@ import pytest
 
 from lgmpc.errors import RunFolderError
 from lgmpc.runs import Gate, RunFolder, RunResult, atomic_write, compute_metrics, judge
+from lgmpc.runs.log import RunLog
 
 NOON = datetime(2026, 3, 1, 12, 0, 5, tzinfo=timezone.utc)
 
@@ -224,3 +225,10 @@ def test_text_that_is_not_json_is_reported(folder) -> None:
     (folder.path / "run.json").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RunFolderError, match="not UTF-8"):
         RunFolder.load(folder.path)
+
+
+@pytest.mark.parametrize("frames", [[["s/1", "s/2"]], ["s/1", "s/2"]])
+def test_flags_of_corners_that_are_no_numbers_and_tables_of_names_are_refused(frames: list[object]) -> None:
+    flags = {"contact_frames": np.array(frames), "stance": np.array([["a", "b"]] * 3)}
+    with pytest.raises(RunFolderError):
+        RunLog.from_arrays(flags)

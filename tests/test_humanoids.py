@@ -113,6 +113,7 @@ def test_soles_reach_as_far_as_their_legs(legs):
     assert ahead == pytest.approx(neutral, abs=1e-3)
     assert min(planner.reach(foot, planner.highest(0.3)) for foot in range(2)) == pytest.approx(0.3)
     assert planner.highest(0.3) < planner.highest(0.2) < 0.1
+    assert planner.highest(5.0) == pytest.approx(-0.1 * planner.height)  # however fast it is to go, it does not kneel
 
 
 def test_soles_that_would_overlap_come_down_on_both_sides_of_the_centre_of_mass_alike(legs):

@@ -41,6 +41,7 @@ from lgmpc.typing import GRAVITY, Array, BoolArray
 
 _REACH_SHARES = 0.92, 0.98
 _ROUNDING = 1e-9  # m
+_LOWEST_SHARE = 0.1  # of the height
 _PROJECTIONS = 12
 """Alternating projections onto reach and distance from the other feet; one suffices unless both bind."""
 
@@ -221,8 +222,12 @@ class FootholdPlanner:
         return math.sqrt(max(longest**2 - (drop + height) ** 2, 0.0))
 
     def highest(self, distance: float) -> float:
-        """Return the largest commanded height, m, at which feet reach a horizontal distance from their hips, m."""
-        return min(math.sqrt(max(longest**2 - distance**2, 0.0)) - drop for longest, drop in self._legs)
+        """Return the largest commanded height, m, at which feet reach a horizontal distance from their hips, m.
+
+        No lower than by a tenth of the height: at 1 m/s G1 would crouch by a seventh.
+        """
+        heights = (math.sqrt(max(longest**2 - distance**2, 0.0)) - drop for longest, drop in self._legs)
+        return max(min(heights), -_LOWEST_SHARE * self.height)
 
     def _left(self, remaining: float) -> float:
         """Return the share of the velocity error that is left after a time, s."""

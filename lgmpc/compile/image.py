@@ -6,12 +6,15 @@ is now; ``image.c`` makes copies of it, with addresses of their own, in a progra
 
 import ctypes
 import functools
+from bisect import bisect_right
 from collections.abc import Mapping
 from importlib.resources import files
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lgmpc.compile.compiler import FLAGS
 from lgmpc.compile.native import function_at
@@ -29,62 +32,34 @@ def image_sources(root: Any) -> dict[str, str]:
     """
     parts: dict[int, tuple[int, Any]] = {}  # address, size and owner
     _collect(root, parts)
-    blocks: list[list[int]] = []  # begin and end of memory without gaps
-    for begin, (size, _) in sorted(parts.items()):
-        if blocks and begin <= blocks[-1][1]:
-            blocks[-1][1] = max(blocks[-1][1], begin + size)
-        else:
-            blocks.append([begin, begin + size])
-    places, words = [], _ALIGNED  # the first words are image.c's own
-    for begin, end in blocks:
-        words += -(words - begin // _WORD) % _ALIGNED
-        places.append(words)
-        words += -(-(end - begin) // _WORD)
-
-    begins = np.array([begin for begin, _ in blocks])
-
-    def place(address: int) -> int | None:
-        k = int(np.searchsorted(begins, address, side="right")) - 1
-        inside = k >= 0 and address < blocks[k][1]
-        return places[k] + (address - blocks[k][0]) // _WORD if inside else None
-
-    content = np.zeros(words, dtype=np.uint64)
-    for (begin, end), at in zip(blocks, places, strict=True):
-        data = ctypes.string_at(begin, end - begin).ljust(-(-(end - begin) // _WORD) * _WORD, b"\0")
-        content[at : at + len(data) // _WORD] = np.frombuffer(data, dtype=np.uint64)
-    links, calls = [], []
-    libraries: dict[int, Any] = {}
+    memory = _Memory(parts)
+    words, links, calls = memory.words(), [], []
     for begin, (size, owner) in parts.items():
         if isinstance(owner, np.ndarray) and owner.dtype != np.uintp:
-            continue
-        first = place(begin)
+            continue  # numbers
+        first = memory.place(begin)
         assert first is not None
         for at in range(first, first + size // _WORD):
-            address = int(content[at])
-            content[at] = 0
-            to, function = place(address), function_at(address)
-            if to is not None:
+            address, words[at] = int(words[at]), 0
+            if (to := memory.place(address)) is not None:
                 links.append((at, to))
-            elif function is not None:
-                library, symbol = function
-                libraries[id(library)] = library
-                calls.append((at, library, symbol))
-    numbers = {key: k for k, key in enumerate(libraries)}
-    names = {(id(lib), symbol): f"{symbol}_{numbers[id(lib)]}" for _, lib, symbol in calls}
+            elif (function := function_at(address)) is not None:
+                calls.append((at, *function))
+    libraries = list({id(library): library for _, library, _ in calls}.values())
+    numbers = {id(library): k for k, library in enumerate(libraries)}
+    names = {(id(library), symbol): f"{symbol}_{numbers[id(library)]}" for _, library, symbol in calls}
     sources = {}
-    for key, library in libraries.items():
-        own = [symbol for lib, symbol in names if lib == key]
-        renamed = "".join(f"#define {symbol} {names[key, symbol]}\n" for symbol in own)
+    for number, library in enumerate(libraries):
+        own = [symbol for key, symbol in names if key == id(library)]
+        renamed = "".join(f"#define {symbol} {symbol}_{number}\n" for symbol in own)
         for k, text in enumerate(library.sources()):
-            sources[f"function_{numbers[key]}_{k}.c"] = renamed + text
-    root_place = place(ctypes.addressof(root))
-    used = np.flatnonzero(content)
+            sources[f"function_{number}_{k}.c"] = renamed + text
     header = [
         "/* Sizes in words of 64 bits, constants, addresses within the memory, addresses of functions. */",
         *(f"int {name}(void**);" for name in names.values()),
-        f"enum {{ SIZE = {words}, ROOT = {root_place} }};",
+        f"enum {{ SIZE = {len(words)}, ROOT = {memory.place(ctypes.addressof(root))} }};",
         "static const struct { unsigned at; uint64_t value; } WORDS[] = {",
-        *(f"{{{at},{hex(content[at])}}}," for at in used.tolist()),
+        *(f"{{{at},{hex(words[at])}}}," for at in np.flatnonzero(words).tolist()),
         "};\nstatic const struct { unsigned at, to; } LINKS[] = {",
         *(f"{{{at},{to}}}," for at, to in links),
         "};\nstatic const struct { unsigned at; int (*to)(void**); } CALLS[] = {",
@@ -93,6 +68,37 @@ def image_sources(root: Any) -> dict[str, str]:
     ]
     image = files("lgmpc.compile").joinpath("image.c").read_text("utf-8")
     return sources | {"image.c": image, "image.h": "\n".join(header)}
+
+
+class _Memory:
+    """Blocks of memory without gaps, and where each begins in a copy of them, in words; the first are image.c's own."""
+
+    def __init__(self, parts: Mapping[int, tuple[int, Any]]) -> None:
+        blocks: list[list[int]] = []  # begin and end
+        for begin, (size, _) in sorted(parts.items()):
+            if blocks and begin <= blocks[-1][1]:
+                blocks[-1][1] = max(blocks[-1][1], begin + size)
+            else:
+                blocks.append([begin, begin + size])
+        self._blocks, self._size, self._places = blocks, _ALIGNED, list[int]()
+        for begin, end in blocks:
+            self._size += -(self._size - begin // _WORD) % _ALIGNED
+            self._places.append(self._size)
+            self._size += -(-(end - begin) // _WORD)
+
+    def place(self, address: int) -> int | None:
+        """Return the word of the copy that an address is in; None outside the memory."""
+        k = bisect_right(self._blocks, address, key=itemgetter(0)) - 1
+        inside = k >= 0 and address < self._blocks[k][1]
+        return self._places[k] + (address - self._blocks[k][0]) // _WORD if inside else None
+
+    def words(self) -> NDArray[np.uint64]:
+        """Return the copy, as the memory is now."""
+        words = np.zeros(self._size, dtype=np.uint64)
+        for (begin, end), at in zip(self._blocks, self._places, strict=True):
+            data = ctypes.string_at(begin, end - begin).ljust(-(-(end - begin) // _WORD) * _WORD, b"\0")
+            words[at : at + len(data) // _WORD] = np.frombuffer(data, dtype=np.uint64)
+        return words
 
 
 def _collect(part: Any, parts: dict[int, tuple[int, Any]]) -> None:

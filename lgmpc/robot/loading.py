@@ -9,7 +9,7 @@ import pinocchio as pin
 from lgmpc.errors import InputError, ModelError
 from lgmpc.robot import checks, posture
 from lgmpc.robot.actuators import ActuatedJoint, actuated_joints, joint_ranges, joint_values, one_side
-from lgmpc.robot.collision import check_shapes
+from lgmpc.robot.collision import ModelSource, check_shapes
 from lgmpc.robot.model import Robot
 from lgmpc.robot.names import frame_index, is_floating
 from lgmpc.robot.soles import Foot, make_feet
@@ -47,6 +47,14 @@ class _Actuators:
     notes: list[str]
 
 
+@dataclass(frozen=True)
+class _Contacts:
+    frames: tuple[str, ...]
+    ids: tuple[int, ...]
+    soles: tuple[Foot, ...]
+    problems: list[str]
+
+
 def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     """Return a robot and the problems that prevent its use."""
     source = resolve(spec)
@@ -64,45 +72,30 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
     actuators = _set_actuators(model, joints, spec, q)
 
     inertia_problems, inertia_notes = checks.check_inertias(model)
-    frame_problems = checks.check_contact_frames(model, [*spec.contact_frames, *(foot.frame for foot in spec.feet)])
-    soles: list[Foot] = []
-    if spec.feet and not frame_problems and not posture_problems:
-        soles, frame_problems = make_feet(model, q, spec.feet, files)
-    frames = spec.contact_frames
-    if spec.feet and not frame_problems:
-        for sole in soles:
-            sole.add_to(model)
-        frames = tuple(name for sole in soles for name in sole.frames)
-    problems = [*text.problems, *actuators.problems, *posture_problems, *inertia_problems, *frame_problems]
+    contacts = _set_contacts(model, spec, None if posture_problems else q, files)
+    problems = [*text.problems, *actuators.problems, *posture_problems, *inertia_problems, *contacts.problems]
     problems += check_shapes(model, spec.collision_shapes)
     problems += checks.check_posture(joints, q, model.lowerPositionLimit, model.upperPositionLimit)
     problems += checks.check_joints(model, source.floating_base) or checks.check_mass_matrix(model, q, joints)
 
-    ids = () if frame_problems else tuple(frame_index(model, frame) for frame in frames)
-    q = posture.put_on_ground(model, q, ids, spec.contact_radius_m)
-    heights = posture.contact_heights(model, q, ids, spec.contact_radius_m) if ids else np.zeros(1)
-    uneven = (
-        [f"in the reference posture the contact points differ by {1e3 * np.ptp(heights):.1f} mm in height"]
-        if np.ptp(heights) > posture.LEVEL_TOLERANCE
-        else []
-    )
+    q = posture.put_on_ground(model, q, contacts.ids, spec.contact_radius_m)
+    uneven = _unevenness(model, q, contacts.ids, spec.contact_radius_m)
     mimics = checks.check_mimic(model, text.mimics)
-    if spec.posture is None and ids and not problems:
+    if spec.posture is None and contacts.ids and not problems:
         known = [entry.key() for entry in model.referenceConfigurations]
         if not spec.feet:
-            posture_notes += posture.propose_posture(model, joints, q, ids)
+            posture_notes += posture.propose_posture(model, joints, q, contacts.ids)
         elif source.posture not in known:
-            problems += posture.propose_standing(
-                model, joints, q, [[frame_index(model, c) for c in s.frames] for s in soles]
-            )
+            soles = [[frame_index(model, corner) for corner in sole.frames] for sole in contacts.soles]
+            problems += posture.propose_standing(model, joints, q, soles)
     notes = (*notes, *text.notes, *package_notes, *mimics, *posture_notes, *actuators.notes, *inertia_notes, *uneven)
     lower, upper = _degree_limits(model, joints)
     start = 6 if is_floating(model) else 0
     robot = Robot(
         name=name,
         model=model,
-        contact_frames=frames,
-        contact_ids=ids,
+        contact_frames=contacts.frames,
+        contact_ids=contacts.ids,
         contact_radius=float(spec.contact_radius_m),
         q_reference=q,
         effort_limit=actuators.effort[start:],
@@ -112,11 +105,33 @@ def _load(spec: RobotSpec) -> tuple[Robot, list[str]]:
         armature=actuators.armature[start:],
         joint_friction=actuators.friction[start:],
         source=files,
-        soles=tuple(soles),
+        soles=contacts.soles,
         given_shapes=spec.collision_shapes,
         notes=notes,
     )
     return robot, problems
+
+
+def _set_contacts(model: pin.Model, spec: RobotSpec, q: Array | None, files: ModelSource) -> _Contacts:
+    """Add the corners of soles to the model, and return all contact frames; ``q`` (nq,) is the reference posture."""
+    frames, soles = spec.contact_frames, list[Foot]()
+    problems = checks.check_contact_frames(model, [*frames, *(foot.frame for foot in spec.feet)])
+    if spec.feet and not problems and q is not None:
+        soles, problems = make_feet(model, q, spec.feet, files)
+    if not problems and spec.feet:
+        for sole in soles:
+            sole.add_to(model)
+        frames = tuple(name for sole in soles for name in sole.frames)
+    ids = () if problems else tuple(frame_index(model, frame) for frame in frames)
+    return _Contacts(frames, ids, tuple(soles), problems)
+
+
+def _unevenness(model: pin.Model, q: Array, ids: tuple[int, ...], radius: float) -> tuple[str, ...]:
+    """Return a note if the contact points differ in height in the reference posture (nq,)."""
+    difference = float(np.ptp(posture.contact_heights(model, q, ids, radius))) if ids else 0.0
+    if difference <= posture.LEVEL_TOLERANCE:
+        return ()
+    return (f"in the reference posture the contact points differ by {1e3 * difference:.1f} mm in height",)
 
 
 def _read_srdf(model: pin.Model, source: ResolvedSource) -> None:

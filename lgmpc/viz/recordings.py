@@ -5,7 +5,7 @@ and every channel of the log as a time series. Poses and marks have at most :dat
 every tick of the log. Times are those of the log: seconds since the start of the run.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from lgmpc.errors import InputError, required
 from lgmpc.robot import Robot
-from lgmpc.runs import Run
+from lgmpc.runs import Run, RunLog
 from lgmpc.runs.atomic import atomic_write, json_values
 from lgmpc.runs.recorded import Column, columns_of
 from lgmpc.typing import Array, IntArray
@@ -30,6 +30,8 @@ RATE_HZ = 100.0
 
 _FLOOR_M = 10.0
 """Half the side of the floor around the path, m."""
+
+_UNTURNED = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -127,104 +129,102 @@ def write_mcap(file: Path, robot: Robot, run: Run, ground: World) -> None:
         RunFolderError: the file cannot be written.
         InputError: the run has no finite tick, or is of another robot.
     """
-    foxglove, m = (required(name, "an MCAP file", "data") for name in ("foxglove", "foxglove.messages"))
-    topics = required("foxglove.channels", "an MCAP file", "data")
-    data, log = _Recording.of(robot, run, ground), run.log
-    joints, rates = robot.joint_q, robot.joint_v
-    context = foxglove.Context()
-
-    def at(time: float) -> dict[str, Any]:
-        ns = round(1e9 * time)
-        return {"timestamp": m.Timestamp(ns // 10**9, ns % 10**9)}
-
-    def color(rgb: int, opacity: float = 1.0) -> Any:
-        return m.Color(r=(rgb >> 16) / 255.0, g=(rgb >> 8 & 255) / 255.0, b=(rgb & 255) / 255.0, a=opacity)
-
-    def pose(position: Array, turn: Array) -> Any:
-        return m.Pose(position=m.Vector3(**_xyz(position)), orientation=m.Quaternion(**_xyz(turn)))
-
+    foxglove, topics = (required(name, "an MCAP file", "data") for name in ("foxglove", "foxglove.channels"))
+    data, messages = _Recording.of(robot, run, ground), _Foxglove()
+    context, verdict = foxglove.Context(), run.result.verdict
+    reasons = "; ".join(verdict.reasons)
+    about = {"name": run.result.name, "verdict": verdict.outcome.value, "reasons": reasons, "config": run.config}
     with atomic_write(file) as stream, foxglove.open_mcap(stream, context=context) as writer:
         tf = topics.FrameTransformsChannel("/tf", context=context)
         states = topics.JointStatesChannel("/joint_states", context=context)
         scenes = {each: topics.SceneUpdateChannel(f"/{each}", context=context) for each in ("robot", "world", "marks")}
-        verdict = run.result.verdict
-        reasons = "; ".join(verdict.reasons)
-        about = {"name": run.result.name, "verdict": verdict.outcome.value, "reasons": reasons, "config": run.config}
         writer.write_metadata("lgmpc", about)
-        start = at(float(data.times[0]))
-        log_time = round(1e9 * float(data.times[0]))
         for topic in ("robot", "world"):
-            entities = [
-                m.SceneEntity(
-                    **start,
-                    frame_id=each.link,
-                    id=f"{each.link}/{each.name}",
-                    frame_locked=True,
-                    triangles=[
-                        m.TriangleListPrimitive(
-                            pose=pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])),
-                            points=[m.Point3(**_xyz(p)) for p in each.positions],
-                            color=color(each.rgb, each.opacity),
-                            indices=each.faces.ravel().tolist(),
-                        )
-                    ],
-                )
-                for each in data.pieces
-                if (each.link == "world") == (topic == "world")
-            ]
-            scenes[topic].log(m.SceneUpdate(entities=entities), log_time=log_time)
+            pieces = [each for each in data.pieces if (each.link == "world") == (topic == "world")]
+            scenes[topic].log(messages.meshes(pieces, data.times[0]), log_time=_ns(data.times[0]))
         for k, time in enumerate(data.times.tolist()):
-            stamp, ns = at(time), round(1e9 * time)
-            moved = [
-                m.FrameTransform(
-                    **stamp,
-                    parent_frame_id="world",
-                    child_frame_id=link,
-                    translation=m.Vector3(**_xyz(each[k, :3])),
-                    rotation=m.Quaternion(**_xyz(each[k, 3:])),
-                )
-                for link, each in data.poses.items()
-            ]
-            tf.log(m.FrameTransforms(transforms=moved), log_time=ns)
-            balls = [
-                m.SpherePrimitive(
-                    pose=pose(each[k], np.array([0.0, 0.0, 0.0, 1.0])),
-                    size=m.Vector3(x=data.size, y=data.size, z=data.size),
-                    color=color(COLORS[name]),
-                )
-                for name, each in data.points.items()
-                if np.isfinite(each[k]).all()
-            ]
-            entities = [m.SceneEntity(**stamp, frame_id="world", id="com", spheres=balls)]
-            for kind in data.arrows:
-                drawn = [
-                    m.ArrowPrimitive(
-                        pose=pose(tail, _x_along(vector)),
-                        shaft_length=0.8 * float(np.linalg.norm(vector)),
-                        shaft_diameter=0.3 * data.size,
-                        head_length=0.2 * float(np.linalg.norm(vector)),
-                        head_diameter=0.7 * data.size,
-                        color=color(COLORS[kind.name]),
-                    )
-                    for tail, vector in zip(kind.tails[k], kind.vectors[k], strict=True)
-                    if np.linalg.norm(vector) > 0.01 * data.size
-                ]
-                entities.append(m.SceneEntity(**stamp, frame_id="world", id=kind.name, arrows=drawn))
-            scenes["marks"].log(m.SceneUpdate(entities=entities), log_time=ns)
-        for time, q, v, tau in zip(log.time.tolist(), log.q, log.v, log.tau, strict=True):
-            measured = [
-                m.JointState(name=name, position=a, velocity=b, effort=c)
-                for name, a, b, c in zip(
-                    robot.joint_names, q[joints].tolist(), v[rates].tolist(), tau.tolist(), strict=True
-                )
-            ]
-            states.log(m.JointStates(**at(time), joints=measured), log_time=round(1e9 * time))
+            tf.log(messages.transforms(data, k), log_time=_ns(time))
+            scenes["marks"].log(messages.marks(data, k), log_time=_ns(time))
+        for tick, time in enumerate(run.log.time.tolist()):
+            states.log(messages.joints(robot, run.log, tick), log_time=_ns(time))
         for name, (clock, *columns) in data.channels.items():
             channel = foxglove.Channel(f"/log/{name}", schema=_schema(name, columns), context=context)
             keys = [each.name.partition(".")[2] or "value" for each in columns]
             for time, *values in zip(clock.values.tolist(), *(c.values.tolist() for c in columns), strict=True):
-                message = json_values(dict(zip(keys, values, strict=True)))
-                channel.log(message, log_time=round(1e9 * time))
+                channel.log(json_values(dict(zip(keys, values, strict=True))), log_time=_ns(time))
+
+
+class _Foxglove:
+    """Messages in Foxglove's schemas."""
+
+    def __init__(self) -> None:
+        self._types = required("foxglove.messages", "an MCAP file", "data")
+
+    def meshes(self, pieces: Iterable[_Piece], time: float) -> Any:
+        """Return the scene of links that move with their frames."""
+        m, here = self._types, self._pose(np.zeros(3))
+        entities = []
+        for each in pieces:
+            points, indices = [m.Point3(**_xyz(p)) for p in each.positions], each.faces.ravel().tolist()
+            color = self._color(each.rgb, each.opacity)
+            mesh = m.TriangleListPrimitive(pose=here, points=points, color=color, indices=indices)
+            entity = {"frame_id": each.link, "id": f"{each.link}/{each.name}", "frame_locked": True}
+            entities.append(m.SceneEntity(**self._at(time), **entity, triangles=[mesh]))
+        return m.SceneUpdate(entities=entities)
+
+    def transforms(self, data: _Recording, k: int) -> Any:
+        """Return the poses of all links in a picture."""
+        m, stamp = self._types, self._at(data.times[k])
+        moved = []
+        for link, poses in data.poses.items():
+            place, turn = m.Vector3(**_xyz(poses[k, :3])), m.Quaternion(**_xyz(poses[k, 3:]))
+            frames = {"parent_frame_id": "world", "child_frame_id": link}
+            moved.append(m.FrameTransform(**stamp, **frames, translation=place, rotation=turn))
+        return m.FrameTransforms(transforms=moved)
+
+    def marks(self, data: _Recording, k: int) -> Any:
+        """Return the scene of centre of mass, target and forces in a picture."""
+        m, stamp = self._types, {**self._at(data.times[k]), "frame_id": "world"}
+        size = m.Vector3(x=data.size, y=data.size, z=data.size)
+        balls = [
+            m.SpherePrimitive(pose=self._pose(each[k]), size=size, color=self._color(COLORS[name]))
+            for name, each in data.points.items()
+            if np.isfinite(each[k]).all()
+        ]
+        entities = [m.SceneEntity(**stamp, id="com", spheres=balls)]
+        for kind in data.arrows:
+            drawn = [
+                self._arrow(tail, vector, data.size, COLORS[kind.name])
+                for tail, vector in zip(kind.tails[k], kind.vectors[k], strict=True)
+                if np.linalg.norm(vector) > 0.01 * data.size
+            ]
+            entities.append(m.SceneEntity(**stamp, id=kind.name, arrows=drawn))
+        return m.SceneUpdate(entities=entities)
+
+    def joints(self, robot: Robot, log: RunLog, tick: int) -> Any:
+        """Return the joints' positions, velocities and torques at a tick."""
+        q, v, tau = log.q[tick, robot.joint_q], log.v[tick, robot.joint_v], log.tau[tick]
+        rows = zip(robot.joint_names, q.tolist(), v.tolist(), tau.tolist(), strict=True)
+        state = self._types.JointState
+        joints = [state(name=name, position=a, velocity=b, effort=c) for name, a, b, c in rows]
+        return self._types.JointStates(**self._at(log.time[tick]), joints=joints)
+
+    def _arrow(self, tail: Array, vector: Array, size: float, rgb: int) -> Any:
+        length, pose, color = float(np.linalg.norm(vector)), self._pose(tail, _x_along(vector)), self._color(rgb)
+        shaft = {"shaft_length": 0.8 * length, "shaft_diameter": 0.3 * size}
+        head = {"head_length": 0.2 * length, "head_diameter": 0.7 * size}
+        return self._types.ArrowPrimitive(pose=pose, color=color, **shaft, **head)
+
+    def _at(self, time: float) -> dict[str, Any]:
+        return {"timestamp": self._types.Timestamp(*divmod(_ns(time), 10**9))}
+
+    def _color(self, rgb: int, opacity: float = 1.0) -> Any:
+        red, green, blue = (((rgb >> shift) & 255) / 255.0 for shift in (16, 8, 0))
+        return self._types.Color(r=red, g=green, b=blue, a=opacity)
+
+    def _pose(self, position: Array, turn: Array = _UNTURNED) -> Any:
+        m = self._types
+        return m.Pose(position=m.Vector3(**_xyz(position)), orientation=m.Quaternion(**_xyz(turn)))
 
 
 def write_rrd(file: Path, robot: Robot, run: Run, ground: World) -> None:
@@ -275,6 +275,11 @@ def write_rrd(file: Path, robot: Robot, run: Run, ground: World) -> None:
     recording.disconnect()
     with atomic_write(file) as target:
         target.write(content)
+
+
+def _ns(time: float) -> int:
+    """Return a time of the log in nanoseconds."""
+    return round(1e9 * float(time))
 
 
 def _about(column: Column) -> str:

@@ -112,7 +112,7 @@ def build_controller(
         gaits=gaits,
         modes=config.modes,
         delays=config.delays,
-        joint_friction=None if friction is None else JointFrictionEstimator(robot, period, friction, delay),
+        joint_friction=None if friction is None else JointFrictionEstimator(robot, period, friction),
         joint_faults=None if faults is None else JointFaultMonitor(robot, period, faults, delay),
         drives=config.drives,
         maneuvers=build_maneuvers(config, robot, notify),

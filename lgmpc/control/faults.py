@@ -1,4 +1,4 @@
-"""Reaction to a weak or dead motor: the whole-body QP leaves it out, and the robot lies down."""
+"""Reaction to weak or dead motors, and to pushes on legs: the whole-body QP and the feet take them into account."""
 
 import logging
 import math
@@ -10,7 +10,8 @@ import pinocchio as pin
 from lgmpc.control.drives import JointReferences
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import RobotState
-from lgmpc.estimation import JointFaultMonitor
+from lgmpc.estimation import FreeLegs, JointFaultMonitor
+from lgmpc.estimation.joint_faults import legs_of_three
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.robot import Robot
 from lgmpc.typing import GRAVITY, Array
@@ -21,19 +22,21 @@ _LOG = logging.getLogger(__name__)
 _LEAST_SHARE = 1e-3
 """Of a dead joint's torque limit, that the whole-body QP may use: with none, its rows would be degenerate."""
 
-
 _SINKING = 1.6
 """Duration in which a robot lies down that would topple, in times in which a pendulum of its height falls e-fold."""
+_ROUGH = 0.01
+"""Roughness, in heights of the centre of mass, from which on what opposes a foot in the air is no push."""
 _UNBOUNDED = np.array([[-1e3], [1e3], [1e4]])
 """Least and largest position, and speed: without torque no limit of a joint can be kept."""
 
 
 class JointFaults:
-    """Motors that have lost torque: what whole-body QP, feet and commands do without.
+    """Motors that have lost torque, and legs that something pushes: what whole-body QP, feet and commands make of them.
 
     The torque of a weak motor is bounded by its share, and the drive is commanded as much more. With a dead one the
     robot lies down and stays there: at once if it steps, or if the leg carries nothing any more, because of the forces
-    that need no torque of the joint none is within friction.
+    that need no torque of the joint none is within friction. Torques of pushes on legs of three joints go to the
+    whole-body QP, and feet of such legs stand only while they touch the ground, unless that is rough or mapped.
 
     Args:
         monitor: detects them; None to rely on all motors.
@@ -41,6 +44,7 @@ class JointFaults:
         wbc: whose torque bounds are reduced.
         feet: that carry, or do not.
         references: that command the drives.
+        period: time between two ticks, s.
 
     Attributes:
         shares: (nu,) of its torque that each motor gives.
@@ -54,11 +58,15 @@ class JointFaults:
         wbc: WholeBodyController,
         feet: Feet,
         references: JointReferences,
+        period: float,
     ) -> None:
         self._monitor, self._robot, self._wbc, self._feet, self._references = monitor, robot, wbc, feet, references
         self.shares = np.ones(robot.nu) if monitor is None else monitor.shares
         self.sinking_s = _SINKING * math.sqrt(feet.legs.height / GRAVITY)
         self._dead = False
+        joints = legs_of_three(robot)
+        self._joints = np.array(joints)  # (nf, 3) of the legs
+        self._legs = None if joints is None else FreeLegs(robot, period)
 
     @property
     def lame(self) -> bool:
@@ -67,8 +75,10 @@ class JointFaults:
 
     def reset(self) -> None:
         """Forget what was measured, but not the faults."""
-        if self._monitor is not None:
-            self._monitor.reset()
+        self._wbc.joint_load[:], self._feet.events.pushed = 0.0, [False] * self._robot.nf
+        for each in (self._monitor, self._legs):
+            if each is not None:
+                each.reset()
 
     def state(self) -> Array:
         """Return a copy of the shares that motors give."""
@@ -84,8 +94,13 @@ class JointFaults:
         if self._monitor is not None:
             self._monitor.expect(torques)
 
-    def watch(self, state: RobotState) -> None:
-        """Take the measured state of a tick in which only feet touch the ground."""
+    def watch(self, state: RobotState, missed: int) -> None:
+        """Take the measured state of a tick in which only feet touch the ground, after ``missed`` without update."""
+        if self._legs is not None:
+            load, feet = self._legs.update(state, missed), self._feet
+            if feet.mapped is not None or feet.roughness > _ROUGH * feet.legs.height:
+                load[:] = 0.0  # there the ground is in the way of feet, too
+            self._wbc.joint_load[:], feet.events.pushed = load, load[self._joints].any(axis=1).tolist()
         joint = None if self._monitor is None else self._monitor.update(state)
         if joint is None:
             return

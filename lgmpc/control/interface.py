@@ -61,12 +61,14 @@ class RobotState(NamedTuple):
         q: (nq,) configuration.
         v: (nv,) velocity.
         contacts: (nc,) whether each foot is in contact with the ground, as far as it is measured; None if it is not.
+        torques: (nu,) measured joint torques during the last step, N.m; None if they are not.
     """
 
     time: float
     q: Array
     v: Array
     contacts: BoolArray | None = None
+    torques: Array | None = None
 
 
 class Command(NamedTuple):

@@ -110,7 +110,7 @@ class LeggedController:
         self._measured = wbc.terms if self._predictor is None else WholeBodyTerms(robot)
         self.command, self.joint_friction = MotionCommand(), joint_friction
         self._references = JointReferences(robot, DriveSettings() if drives is None else drives, period)
-        self.faults = JointFaults(joint_faults, robot, wbc, self.feet, self._references)
+        self.faults = JointFaults(joint_faults, robot, wbc, self.feet, self._references, period)
         found = floor, self._predictor, joint_friction, self.faults, planner and planner.observer
         self._estimators: list[Any] = [each for each in found if each is not None]
         self._period, self._time, self._elapsed = period, math.nan, period
@@ -204,7 +204,7 @@ class LeggedController:
         if finite:
             self._step(state, request)
             if mode.upright:
-                self.faults.watch(measured)
+                self.faults.watch(measured, missed)
             if self.joint_friction is not None:
                 stance = self.feet.points.spread(self.feet.stance)
                 self.wbc.joint_friction[:] = self.joint_friction.update(measured, stance, missed)
@@ -264,8 +264,6 @@ class LeggedController:
         if planner is not None:
             planner.expect(self.wbc.terms, acceleration, wrench)
         self.faults.expect(self.wbc.tau)
-        if self.joint_friction is not None:
-            self.joint_friction.expect(self.wbc.tau)
 
     def _advance_clock(self, time: float) -> int:
         """Measure the time since the last update, in whole periods; return how many ticks were missed."""
@@ -299,8 +297,7 @@ class LeggedController:
             inputs.falling = self._fall.falls(time, upright, terms.z - above, speed)
             if performance is not None:
                 inputs.failure = inputs.failure or performance.failure
-        transition = machine.update(inputs)
-        if transition is not None:
+        if (transition := machine.update(inputs)) is not None:
             self._enter(transition, state)
         return machine.mode
 
@@ -340,6 +337,7 @@ class LeggedController:
             self.planner.reset()
         if not mode.upright:
             self.push_steps.stop()
+            self.faults.reset()
             self.wbc.external_wrench[:] = 0.0
 
     def _begin_rising(self, time: float) -> None:
@@ -407,12 +405,11 @@ class LeggedController:
         ground.begin(terms.contact_points)
         contacts = ground.carried(_LEVEL_SHARE * legs.height)
         floor = ground.height_at(terms.x, terms.y) if contacts.all() else float(terms.contact_points[:, 2].min())
-        low = terms.z - floor < 0.5 * (self._leg_retraction.height + legs.height)
         if self._fall.tilted(terms.upright):
             self.modes.begin(Mode.DAMP)
             self._rest.begin(self.commands.at(state.time).mode)
             return
-        if low:
+        if terms.z - floor < 0.5 * (self._leg_retraction.height + legs.height):
             self.modes.begin(Mode.LIE)
             self._leg_retraction.begin(state.time, state.q[self._joints], self.wbc.tau)
             return

@@ -10,7 +10,7 @@ from pydantic import Field
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import RobotState
 from lgmpc.errors import InputError
-from lgmpc.robot import Robot
+from lgmpc.robot import Robot, leg_joints
 from lgmpc.robot.feet import UP
 from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.settings import Positive, Settings, key
@@ -130,10 +130,7 @@ def legs_of_three(robot: Robot) -> list[list[int]] | None:
     model = robot.model
     if not robot.floating_base or robot.nq - 7 != robot.nu or not robot.nc or not robot.foot_points.single:
         return None
-    legs = [
-        [model.joints[joint].idx_v - 6 for joint in model.supports[model.frames[frame].parentJoint] if joint > 1]
-        for frame in robot.foot_ids
-    ]
+    legs = [[model.joints[joint].idx_v - 6 for joint in leg_joints(robot, frame)] for frame in robot.foot_ids]
     joints = [joint for leg in legs for joint in leg]
     return legs if len(set(joints)) == len(joints) and all(len(leg) == 3 for leg in legs) else None
 
@@ -141,15 +138,8 @@ def legs_of_three(robot: Robot) -> list[list[int]] | None:
 def _lost_shares(robot: Robot) -> ca.Function:
     """One update. State: slow mean of the residual, both smoothed, and sums r phi, phi phi, r r with fading memory."""
     nu = robot.nu
-    sizes = {
-        "q": robot.nq,
-        "v": robot.nv,
-        "v_next": robot.nv,
-        "elapsed": 1,
-        "torques": nu,
-        "state": 13 + 8 * nu,
-        "keep": 3,
-    }
+    sizes = {"q": robot.nq, "v": robot.nv, "v_next": robot.nv, "elapsed": 1, "torques": nu}
+    sizes |= {"state": 13 + 8 * nu, "keep": 3}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     q, v, torques = given["q"], given["v"], given["torques"]
     steady_keep, smooth_keep, keep = ca.vertsplit(given["keep"])

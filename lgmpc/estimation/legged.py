@@ -5,7 +5,6 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Annotated, Literal, Protocol
 
@@ -15,7 +14,7 @@ from pydantic import Field
 from lgmpc.compile import StageKernel
 from lgmpc.control.interface import Measurement, RobotState
 from lgmpc.errors import InputError
-from lgmpc.estimation.checks import duration_of
+from lgmpc.estimation.checks import duration_of, read_only
 from lgmpc.estimation.inertial import ImuNoise
 from lgmpc.estimation.invariant_ekf import FORMS, InvariantEkf, chi_square_bound
 from lgmpc.estimation.legs import ContactDetector, LegSensing, normalised_square
@@ -194,13 +193,7 @@ def _share_of_newest(most: float, noise: float) -> float:
 
 
 class GroundBelief(Protocol):
-    """The surface under the feet, as a controller believes it to be.
-
-    Attributes:
-        normal: (3,) its unit normal.
-        normals: (3,) the same, or (nc, 3) one for each foot.
-        level: whether it is level.
-    """
+    """The surface under the feet, as a controller believes it to be."""
 
     @property
     def normal(self) -> Array:
@@ -215,22 +208,11 @@ class GroundBelief(Protocol):
         """Whether it is level."""
 
 
-@dataclass(frozen=True)
 class LevelGround:
-    """A level surface: the :class:`GroundBelief` of an estimator without a controller.
+    """A level surface: the :class:`GroundBelief` of an estimator without a controller."""
 
-    Attributes:
-        normal: (3,) the vertical.
-        level: True.
-    """
-
-    normal: Array = field(default_factory=lambda: np.array(UP))
-    level: bool = True
-
-    @property
-    def normals(self) -> Array:
-        """The normal."""
-        return self.normal
+    normal = normals = read_only(np.array(UP))
+    level = True
 
 
 class LeggedEstimator:
@@ -284,14 +266,9 @@ class LeggedEstimator:
             raise InputError("start", start, "seven numbers: position, quaternion x y z w")
         self.legs = LegSensing(robot, period, settings.encoder_noise_rad, settings.foot_noise_m)
         self.ekf = InvariantEkf(
-            robot.nc,
-            settings,
-            slip=settings.slip_m_s_rt_hz,
-            gravity=robot.gravity,
-            contact_offset=-robot.foot_points.lever(),
-            form=FORMS[settings.form],
-            outlier_probability=settings.outlier_probability,
-        )
+            robot.nc, settings, slip=settings.slip_m_s_rt_hz, gravity=robot.gravity, form=FORMS[settings.form],
+            contact_offset=-robot.foot_points.lever(), outlier_probability=settings.outlier_probability,
+        )  # fmt: skip
         self.ground: GroundBelief = LevelGround()
         self._even, self._feet = True, robot.foot_points
         self.monitor = MeasurementMonitor(robot, period) if settings.replace_implausible else None
@@ -345,7 +322,7 @@ class LeggedEstimator:
                 _LOG.warning("a sensor reading is not finite: skipped")
             self.failures += 1
         self.spent = perf_counter() - started
-        return RobotState(m.time, self._q.copy(), self._v.copy(), self.contacts.copy())
+        return RobotState(m.time, self._q.copy(), self._v.copy(), self.contacts.copy(), m.torques)
 
     def _advance(self, reading: Measurement) -> None:
         ekf, legs, periods = self.ekf, self.legs, 1

@@ -136,20 +136,18 @@ class LegSensing:
 
 def _leg_function(robot: Robot) -> ca.Function:
     model, nu = robot.symbolic, robot.nu
-    joints, speeds, torques, faster = (
-        ca.SX.sym(name, nu) for name in ("joints", "speeds", "torques", "joint_acceleration")
-    )
-    gyro, accelerometer, turning, velocity = (
-        ca.SX.sym(name, 3) for name in ("gyro", "accelerometer", "angular_acceleration", "velocity")
-    )
-    rotation, variances, friction = ca.SX.sym("rotation", 3, 3), ca.SX.sym("variances", 2), ca.SX.sym("friction", nu)
+    sizes: dict[str, tuple[int, ...]] = dict.fromkeys(("joints", "speeds", "torques", "joint_acceleration"), (nu,))
+    sizes |= dict.fromkeys(("gyro", "accelerometer", "angular_acceleration"), (3,)) | {"rotation": (3, 3)}
+    sizes |= {"velocity": (3,), "variances": (2,), "joint_friction": (nu,), "normals": (3 * robot.nc,)}
+    inputs = {name: ca.SX.sym(name, *size) for name, size in sizes.items()}
+    joints, speeds, torques, faster, gyro, accelerometer, turning, rotation, velocity, *others = inputs.values()
+    variances, friction, normals = others
     level = ca.vertcat(ca.SX.zeros(6), 1.0, joints)  # the base's own axes
     # In the base's own axes; its linear velocity, on which joint torques do not depend, is zero. The accelerometer
     # measures its acceleration minus gravity.
     accelerations = ca.vertcat(accelerometer + robot.gravity, turning, faster)
     unbalanced = model.rnea(level, ca.vertcat(ca.SX.zeros(3), gyro, speeds), accelerations)[6:] - torques
     unbalanced += joint_friction_torque(friction, speeds)
-    normals = ca.SX.sym("normals", 3 * robot.nc)
     outputs: dict[str, list[ca.SX]] = {
         name: [] for name in ("positions", "covariances", "rates", "velocities", "spreads", "forces")
     }
@@ -172,20 +170,6 @@ def _leg_function(robot: Robot) -> ca.Function:
         leg = [robot.model.joints[joint].idx_v - 6 for joint in leg_joints(robot, frame)]
         forces = _least_forces(ca.vertcat(*jacobians[first : first + count]), unbalanced, leg)
         outputs["forces"] += [rotation @ force for force in ca.vertsplit(forces, 3)]
-    inputs = {
-        "joints": joints,
-        "speeds": speeds,
-        "torques": torques,
-        "joint_acceleration": faster,
-        "gyro": gyro,
-        "accelerometer": accelerometer,
-        "angular_acceleration": turning,
-        "rotation": rotation,
-        "velocity": velocity,
-        "variances": variances,
-        "joint_friction": friction,
-        "normals": normals,
-    }
     results = ca.cse([ca.vertcat(*each) for each in outputs.values()])
     return ca.Function("leg_sensing", list(inputs.values()), results, list(inputs), list(outputs))
 

@@ -45,13 +45,9 @@ class WrenchObserver:
     """
 
     def __init__(
-        self,
-        period: float,
-        time_constant: float = 0.01,
-        force_limit: float = math.inf,
-        delay: float = 0.0,
+        self, period: float, time_constant: float = 0.01, force_limit: float = math.inf, delay: float = 0.0,
         noise_force: float = math.inf,
-    ) -> None:
+    ) -> None:  # fmt: skip
         for name, value in (("period", period), ("time_constant", time_constant)):
             duration_of(name, value)
         for name, value in (("force_limit", force_limit), ("noise_force", noise_force)):
@@ -64,15 +60,11 @@ class WrenchObserver:
         memory = -math.expm1(-period / _NOISE_MEMORY)
         self._given, self._state, self._next = np.zeros(6), np.zeros(17), np.zeros(17)
         self.wrench = self._state[6:12]
+        settings = np.array([period, 1.0 / period, time_constant, force_limit, noise_force, memory, part])
         self._run = StageKernel.of(_observation).bind(
-            1,
-            momentum=self._given,
-            state=self._state,
-            older=self._rates[-1],
-            newer=self._rates[-2 if part else -1],
-            settings=np.array([period, 1.0 / period, time_constant, force_limit, noise_force, memory, part]),
-            state_next=self._next,
-        )
+            1, momentum=self._given, state=self._state, older=self._rates[-1], newer=self._rates[-2 if part else -1],
+            settings=settings, state_next=self._next,
+        )  # fmt: skip
         self.reset()
 
     def reset(self) -> None:

@@ -83,6 +83,7 @@ class ContactEvents:
         since: (nc,) when each foot entered its state, s.
         resting: whether all feet stand and none is to lift off, at the last update.
         brief: (nc,) which feet are in the air after a contact that was too short to be accepted.
+        pushed: (nc,) legs that something pushes, whose feet do not stand without contact; to be written to.
     """
 
     def __init__(
@@ -100,6 +101,7 @@ class ContactEvents:
         self.since = [-np.inf if stands else clock.time for stands in flags]
         self.resting, self.brief = False, [False] * nc
         self._full, self._none = [1.0] * nc, [False] * nc
+        self.pushed = self._none
         self._below: Callable[[int], bool] = lambda foot: False
         self._touching = [bool(stands) for stands in flags]
         self._changed = [clock.time] * nc  # when the measurement last changed
@@ -127,7 +129,7 @@ class ContactEvents:
                     self._touching[foot], self._changed[foot] = touching, t
         carries = self.stance.tolist()
         self.resting = self._rests(t, carries)
-        if self.resting and measured is not None:
+        if self.resting and measured is not None and True not in self.pushed:
             self.clock.advance(t)  # all stand, whatever they measure
             return self.stance
         self._below = (lambda foot: False) if below is None else below
@@ -180,6 +182,8 @@ class ContactEvents:
             if not touched and self._below(foot) and t - self.since[foot] < self._max_search:
                 clock.hold(foot, t + self._expected(foot, t))
             return ContactState.STANCE if touched else before
+        if self.pushed[foot] and not touching and persists >= s.touch_time_s - _SAME_TIME:
+            return ContactState.LOST
         if touching or persists < s.lost_time_s or t - self.since[foot] < s.lost_time_s:
             return before
         # A foot that stands for good is held in place while a push unloads it: it has nowhere else to go.

@@ -233,7 +233,7 @@ def true_state(sample: PlantSample) -> RobotState:
     """
     forces = sample.contact_forces.tolist()  # plain numbers: faster than NumPy's calls for a handful of feet
     pushed = tuple([z > 0.0 and z * z >= _UPWARD * (x * x + y * y) for x, y, z in forces])
-    return RobotState(sample.time, sample.q, sample.v, _flags(pushed))
+    return RobotState(sample.time, sample.q, sample.v, _flags(pushed), sample.tau)
 
 
 @lru_cache(maxsize=256)

@@ -89,6 +89,7 @@ class WholeBodyQp:
     Attributes:
         contacts: see :class:`Contacts`.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
+        joint_load: (nu,) known or estimated torques on the legs of what pushes them, N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
         joint_horizon: [look-ahead of the joints' limits, s; largest acceleration that they require, rad/s2].
         limits: (4, nu) limits of torque, lowest and highest position, and speed; the robot's at first.
@@ -105,7 +106,7 @@ class WholeBodyQp:
         nv, nu, base = robot.nv, robot.nu, robot.nv - robot.nu
         self.contacts = Contacts.standing(robot, settings, terms.normals)
         self.external_wrench = np.zeros(6)
-        self.joint_friction = robot.joint_friction.copy()
+        self.joint_load, self.joint_friction = np.zeros(nu), robot.joint_friction.copy()
         self.joint_horizon = np.array([settings.joint_horizon_s, settings.joint_acceleration_max_rad_s2])
         assert settings.friction_facets is not None
         self._terms, self._solver, self.facets = terms, solver, settings.friction_facets
@@ -147,6 +148,7 @@ class WholeBodyQp:
             "limits": self.limits.reshape(-1),
             "horizon": self.joint_horizon,
             "weights": np.array([weights.force, weights.acceleration]),
+            "joint_load": self.joint_load,
             "joint_friction": self.joint_friction,
             **{f"task_{i}": task.memory for i, task in enumerate(symbolic)},
         }
@@ -221,7 +223,7 @@ def quadratic_programme(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Funct
     base = nv - nu
     sizes = {"q": robot.nq, "v": nv, "stance": nc, "normals": 3 * nc, "target_forces": 3 * nc}
     sizes |= {"lowest_normal": robot.nf, "highest_normal": robot.nf, "external_wrench": 6}
-    sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2, "joint_friction": nu}
+    sizes |= {"limits": 4 * nu, "horizon": 2, "weights": 2, "joint_load": nu, "joint_friction": nu}
     sizes |= {f"task_{i}": task.layout.size for i, task in enumerate(tasks)}
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     q, v = given["q"], given["v"]
@@ -249,7 +251,7 @@ def quadratic_programme(robot: Robot, tasks: Sequence[SymbolicTask]) -> ca.Funct
     on_base = ca.vertcat(ca.mtimes(rotation.T, force), ca.mtimes(rotation.T, moment_on_base))
     effort, lowest, highest, fastest = ca.vertsplit(given["limits"], nu)
     rates = v[robot.joint_v]
-    on_joints = bias[base:] + joint_friction_torque(given["joint_friction"], rates)
+    on_joints = bias[base:] + joint_friction_torque(given["joint_friction"], rates) - given["joint_load"]
     equality_rhs, lower, upper = on_base - bias[:base], -effort - on_joints, effort - on_joints
     joints = _joint_bounds(q[robot.joint_q], rates, lowest, highest, fastest, given["horizon"])
     feet = robot.foot_points.of.tolist()

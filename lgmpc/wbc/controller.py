@@ -42,6 +42,7 @@ class WholeBodyController:
         hands: motions of the hands of the settings.
         contacts: stance flags, friction, normals, target forces and normal-force bounds of the feet.
         external_wrench: (6,) known or estimated [force; moment about the centre of mass] on the base, N and N.m.
+        joint_load: (nu,) known or estimated torques on the legs of what pushes them, N.m.
         joint_friction: (nu,) Coulomb friction of the joints that the torques overcome, N.m; the robot's at first.
         tau: (nu,) torque of the last tick, N.m.
         forces: (nc, 3) contact forces of the last tick, world axes, N.
@@ -76,7 +77,7 @@ class WholeBodyController:
         self._weights = self._weights_of(scaled)
         self.contacts = self.qp.contacts
         self.external_wrench = self.qp.external_wrench
-        self.joint_friction = self.qp.joint_friction
+        self.joint_load, self.joint_friction = self.qp.joint_load, self.qp.joint_friction
         self.tau = np.zeros(robot.nu)
         self._flat_forces = np.zeros(3 * robot.nc)
         self.forces = self._flat_forces.reshape(robot.nc, 3)

@@ -35,6 +35,7 @@ _MEANINGS = {
     "highest_normal": "normal force that each foot in contact may reach, N",
     "external_wrench": "force and moment about the centre of mass on the base, world axes, N and N.m",
     "horizon": "look-ahead of the joints' limits, s; largest acceleration that they require, rad/s2",
+    "joint_load": "known or estimated torques on the legs of what pushes them, N.m",
     "joint_friction": "Coulomb friction of the joints that the torques overcome, N.m",
 }
 

@@ -9,7 +9,7 @@
 
 #define UNBOUNDED 1e20
 
-enum { ARGUMENTS = 12 + LGMPC_TASKS + 14 }; /* the data's inputs and outputs */
+enum { ARGUMENTS = 13 + LGMPC_TASKS + 14 }; /* the data's inputs and outputs */
 
 int lgmpc_evaluate(void **frame);
 int lgmpc_active_set(void **frame);
@@ -49,7 +49,7 @@ static void bind(lgmpc_tick *t) {
   double **next = t->arguments, *task = t->in.joint_friction + NU;
   lgmpc_inputs *in = &t->in;
   double *given[] = {in->q, in->v, in->stance, in->normals, in->target_forces, in->lowest_normal, in->highest_normal,
-                     in->external_wrench, t->limits, in->horizon, t->weights, in->joint_friction};
+                     in->external_wrench, t->limits, in->horizon, t->weights, in->joint_load, in->joint_friction};
   double *made[] = {t->hessian, t->gradient, t->equality, t->rhs, t->rows, t->lower, t->upper, t->box_lower + NB,
                     t->box_upper + NB, t->bias, t->summary, t->axes, t->lower + NU + NC * FACETS,
                     t->upper + NU + NC * FACETS};

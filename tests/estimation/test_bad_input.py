@@ -32,7 +32,7 @@ def calls(robot: Robot) -> Iterator[tuple[Callable[..., Any], dict[str, Any]]]:
     """Callables with valid arguments, of which none has None as a valid value."""
     yield WrenchObserver, {"period": 1e-3, "time_constant": 0.01, "force_limit": 3.0, "delay": 0.0, "noise_force": 1.0}
     yield StatePredictor, {"robot": robot, "period": 1e-3, "delays": DelaySettings(command_s=0.002)}
-    yield JointFrictionEstimator, {"robot": robot, "period": 1e-3, "delay": 0.0}
+    yield JointFrictionEstimator, {"robot": robot, "period": 1e-3}
     yield FrictionMonitor, {"nominal": 0.6, "period": 1e-3}
     yield LeggedEstimator, {"robot": robot, "period": 1e-3}
     yield LegSensing, {"robot": robot, "period": 1e-3, "encoder_noise": 1e-3, "foot_noise": 1e-3}

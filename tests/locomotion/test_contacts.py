@@ -168,6 +168,25 @@ def test_a_stance_foot_that_loses_its_contact_is_lost_and_found() -> None:
     assert script.begin(LOST) == pytest.approx(gone + SETTINGS.lost_time_s, abs=1.1 * TICK)
 
 
+@pytest.mark.parametrize("standing", [False, True])
+def test_the_foot_of_a_pushed_leg_is_lost_once_its_contact_has_been_gone_for_long_enough(standing: bool) -> None:
+    """Also where it stands for good, from where no other foot is lost; the feet of legs that are not pushed stay."""
+    script = Script()
+    if standing:
+        script.clock = GaitClock(Gait(name="stand", period_s=1.0, duty=1.0, offsets=(0.0,) * 4))
+        script.events = ContactEvents(script.clock)
+    gone = TROT.swing_s + 0.05
+    script.events.pushed = [True, False, False, False]
+
+    def bump(t: float, contacts: np.ndarray) -> None:
+        contacts[[0, 3]] &= t < gone - 1e-9
+
+    script.run(gone + 0.02, bump)
+    assert script.sequence()[-2:] == [STANCE, LOST]
+    assert script.begin(LOST) == pytest.approx(gone + SETTINGS.touch_time_s, abs=0.1 * TICK)
+    assert script.events.states[3] is STANCE
+
+
 def test_the_schedule_waits_longer_for_a_foot_below_the_ground_it_expected() -> None:
     waits = []
     for below in (False, True):

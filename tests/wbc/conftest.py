@@ -102,6 +102,7 @@ def randomise() -> Callable[[WholeBodyController, np.random.Generator], None]:
         share = wbc.robot.mass * 9.81 / wbc.robot.nc
         wbc.external_wrench[:] = share * np.concatenate([rng.normal(0, 0.3, 3), rng.normal(0, 0.03, 3)])
         wbc.contacts.target_forces[:] = share * rng.normal((0, 0, 1.0), 0.15, wbc.contacts.target_forces.shape)
+        wbc.joint_load[:] = rng.normal(0, 0.05 * wbc.robot.effort_limit)
 
     return write
 

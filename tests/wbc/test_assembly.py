@@ -22,7 +22,7 @@ def contact_jacobian(robot, q):
 
 @pytest.mark.usefixtures("interpreted")
 def test_the_constraints_are_pinocchios_dynamics(robot, random_state, randomise):
-    """M, h and J_c of the equations of motion, the external wrench about the centre of mass, on several robots."""
+    """M, h and J_c of the equations of motion, wrench about the centre of mass, load of joints, on several robots."""
     wbc, rng = WholeBodyController(robot, WholeBodySettings()), np.random.default_rng(18)
     qp, model, nv, nu = wbc.solver, robot.model, robot.nv, robot.nu
     for _ in range(5):
@@ -33,6 +33,7 @@ def test_the_constraints_are_pinocchios_dynamics(robot, random_state, randomise)
         mass = pin.crba(model, robot.create_data(), q)
         mass = np.triu(mass) + np.triu(mass, 1).T
         bias = pin.nonLinearEffects(model, robot.create_data(), q, v)
+        bias[6:] -= wbc.joint_load
         rows = np.hstack([mass, -contact_jacobian(robot, q).T])
         scale = np.abs(rows).max()
         np.testing.assert_allclose(qp.equality, rows[:6], atol=1e-13 * scale)
@@ -137,7 +138,7 @@ def test_solved_ticks_obey_the_equations_of_motion_and_every_limit(solo12, rando
         forces = external_forces(solo12, data, points, controller.forces, com, wrench)
         generalised = pin.rnea(solo12.model, data, q, v, controller.acceleration, forces)
         np.testing.assert_allclose(generalised[:6], 0.0, atol=1e-6)
-        np.testing.assert_allclose(generalised[6:], controller.tau, atol=1e-6)
+        np.testing.assert_allclose(generalised[6:], controller.tau + controller.joint_load, atol=1e-6)
         total = controller.forces.sum(axis=0) + solo12.mass * solo12.gravity
         moment = np.cross(points - com, controller.forces).sum(axis=0)
         expected = np.concatenate([total, moment]) + wrench

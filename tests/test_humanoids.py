@@ -248,6 +248,14 @@ def test_g1_walks_fast_with_its_base_low_on_flat_soles_that_do_not_meet():
 
 
 @pytest.mark.slow
+def test_g1_follows_commands_that_change_within_a_step():
+    """With `wbc.joint_horizon_s` of 0.02 and 1 m/s2 it falls at 2.1 s: with its waist at a limit before the second."""
+    result = prepare(load_config("g1_random_commands", ["duration_s=2.1"])).run(lambda progress: None)
+    assert result.log.tilt_deg.max() < 4.0
+    assert result.certificate is not None and result.certificate.certified, result.certificate
+
+
+@pytest.mark.slow
 def test_talos_walks_on_through_a_push_and_brakes_its_joints_before_their_limits():
     """Pushed ahead just before a lift-off it lands 0.2 m ahead; a leg braked at its limits carries nothing then."""
     push = "pushes=[{body: torso_2_link, time_s: 2.3815, duration_s: 0.2, impulse_ns: [27, 0, 0]}]"

@@ -96,8 +96,8 @@ def test_a_jump_is_performed_anywhere_and_on_other_robots(changes: tuple[str, ..
 
 
 @pytest.mark.slow
-def test_a_robot_jumps_over_a_bar_out_of_a_trot() -> None:
-    run = measured("solo12_bar", "duration_s=5.5")
+def test_a_robot_goes_to_the_place_from_where_it_jumps_over_a_bar() -> None:
+    run = measured("solo12_bar", "duration_s=6", "world.start_m=[-0.03, 0.09]", "world.start_yaw_deg=-8")
     assert run.final_tilt_deg < 1.0
 
 
@@ -130,6 +130,8 @@ def test_a_fall_that_is_performed_ends_upright(tilt: float, words: str | None) -
             ["maneuvers.jump={run: runs, problem: solo12_jump}"],
             r"maneuvers\.jump\.run: got .*expected either problem or run",
         ),
+        (["maneuvers.jump={run: nowhere}"], r"maneuvers\.jump\.run: got nowhere; expected a run folder"),
+        (["commands.1.mode=lie"], r"commands\.1\.maneuver: got jump; expected none in mode lie"),
         (["maneuvers.jump={problem: solo12_jum}"], r"maneuvers\.jump\.problem: got solo12_jum: no such file"),
         (["maneuvers.jump={problem: solo12_balance}"], r"maneuvers\.jump\.problem: .*the config of a closed loop"),
         (["maneuvers.jump.set={problem.yaw_dg: 1}"], r"maneuvers\.jump\.set: got problem\.yaw_dg: an unknown key"),

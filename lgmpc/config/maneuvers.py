@@ -1,6 +1,7 @@
 """Planned motions of section ``maneuvers``: solved when a closed loop is built, or read from run folders."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from lgmpc.config.schema import Config, ManeuverSource
 from lgmpc.config.session import Notify
 from lgmpc.config.solving import prepare_solve
 from lgmpc.control.maneuver import Maneuver
-from lgmpc.errors import InputError
+from lgmpc.errors import InputError, RunFolderError
 from lgmpc.problems.legged_settings import LeggedSettings
 from lgmpc.robot import Robot
 from lgmpc.runs import SolvedRun, TrajectoryLog, load_run
@@ -27,10 +28,15 @@ def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Ma
         LgmpcError: a problem without a solution, a run of another kind, a trajectory of another robot or one that does
             not lead from standing to standing; a command with a motion that does not exist. The key is named.
     """
+    mode = "stand"
     for i, entry in enumerate(config.commands):
+        mode = entry.mode or mode
         if entry.maneuver is not None and entry.maneuver not in config.maneuvers:
             words = "a name in section maneuvers" if config.maneuvers else "none, because section maneuvers is empty"
             raise config.error(f"commands.{i}.maneuver", entry.maneuver, words, tuple(config.maneuvers))
+        if entry.maneuver is not None and mode != "stand":
+            words = f"none in mode {mode}, as commanded until then: mode stand has them"
+            raise config.error(f"commands.{i}.maneuver", entry.maneuver, words)
     found = []
     for name, source in config.maneuvers.items():
         key = f"maneuvers.{name}"
@@ -38,18 +44,19 @@ def build_maneuvers(config: Config, robot: Robot, notify: Notify) -> Sequence[Ma
         try:
             if log.contact_frames.tolist() != list(robot.contact_frames):
                 raise InputError("contact frames", ", ".join(log.contact_frames), ", ".join(robot.contact_frames))
-            found.append(
-                Maneuver.of(
-                    name, robot, log.times, log.xs, log.contact_flags, log.contact_forces, 1.0 / config.wbc.rate_hz
-                )
-            )
+            motion = log.times, log.xs, log.contact_flags, log.contact_forces
+            planned = Maneuver.of(name, robot, *motion, 1.0 / config.wbc.rate_hz)
+            found.append(replace(planned, anchored=source.anchor == "world"))
         except InputError as error:
             raise config.error(key, f"{error.argument}: {error.got}", error.expected) from error
     return found
 
 
 def _solved(config: Config, key: str, folder: str) -> TrajectoryLog:
-    run = load_run(Path(folder))
+    try:
+        run = load_run(Path(folder))
+    except RunFolderError as error:
+        raise config.error(f"{key}.run", folder, f"a run folder: {error}") from error
     if not isinstance(run, SolvedRun) or not run.log.finite:
         raise config.error(f"{key}.run", folder, "the run of a solved problem, as `lgmpc solve` saves it")
     return run.log
@@ -67,7 +74,7 @@ def _solve(config: Config, key: str, source: ManeuverSource, notify: Notify) -> 
         unseeded = getattr(config.world, "seed", 0) is None
         changes["problem.world"] = config.world.replace({"seed": config.seed}) if unseeded else config.world
     try:
-        problem = problem.replace({**changes, **source.set})
+        problem = problem.replace(changes).replace(source.set)
     except InputError as error:
         raise config.error(f"{key}.set", f"{error.argument}: {error.got}", error.expected) from error
     outcome = prepare_solve(problem).run(lambda iteration: None)

@@ -125,6 +125,10 @@ class ManeuverSource(Settings):
     problem: str | None = key(None, "Config of the problem: a file, or the name of a shipped one such as solo12_jump.")
     set: dict[str, Any] = key({}, "Changes of that config, {dotted key: value}, such as {problem.yaw_deg: 90}.")
     run: str | None = key(None, "Run folder of a solved problem, in place of a problem.")
+    anchor: Literal["feet", "world"] = key(
+        "feet",
+        "feet: performed wherever the robot stands; world: where it was planned, to where the robot walks first.",
+    )
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "ManeuverSource":

@@ -32,7 +32,6 @@ from lgmpc.typing import Array
 from lgmpc.wbc import WholeBodyController, WholeBodyTerms
 
 _LOG = logging.getLogger(__name__)
-_LIFTING = (Mode.RISE, Mode.SIT)
 _REST = 0.05  # m/s
 _LEVEL_SHARE = 0.02  # of the height: feet that differ by less are in one plane
 
@@ -80,24 +79,13 @@ class LeggedController:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        wbc: WholeBodyController,
-        floor: FrictionMonitor,
-        planner: Planner | None = None,
-        *,
-        commands: CommandSource | None = None,
-        offset: ComReference | None = None,
-        locomotion: LocomotionSettings | None = None,
-        gaits: Mapping[str, Gait] | None = None,
-        modes: ModeSettings | None = None,
-        delays: DelaySettings | None = None,
-        joint_friction: JointFrictionEstimator | None = None,
-        joint_faults: JointFaultMonitor | None = None,
-        drives: DriveSettings | None = None,
-        maneuvers: Sequence[Maneuver] = (),
-        period: float = 1e-3,
-    ) -> None:
+        self, robot: Robot, wbc: WholeBodyController, floor: FrictionMonitor, planner: Planner | None = None, *,
+        commands: CommandSource | None = None, offset: ComReference | None = None,
+        locomotion: LocomotionSettings | None = None, gaits: Mapping[str, Gait] | None = None,
+        modes: ModeSettings | None = None, delays: DelaySettings | None = None,
+        joint_friction: JointFrictionEstimator | None = None, joint_faults: JointFaultMonitor | None = None,
+        drives: DriveSettings | None = None, maneuvers: Sequence[Maneuver] = (), period: float = 1e-3,
+    ) -> None:  # fmt: skip
         settings = LocomotionSettings() if locomotion is None else locomotion
         self.robot, self.wbc, self.floor, self.planner = robot, wbc, floor, planner
         self._tasks = MotionTasks.of(wbc.tasks)
@@ -126,7 +114,6 @@ class LeggedController:
         self._weight = -robot.mass * robot.gravity
         self._standing_forces = np.tile(self._weight / robot.nc, (robot.nc, 1))
         self._begun, self._waits, self.finishes = False, False, True
-        self._joints, self._rates = robot.joint_q, robot.joint_v
         self._planned, self._plan_s = False, 0.0
         self.report = self._report(math.nan, 0.0)._replace(tick_ms=0.0)
 
@@ -276,13 +263,14 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, inputs, time = self.modes, self._inputs, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        performance, moving, ground = self._performer.present, self.command.moves, feet.ground
+        steps, ground, performance = self.push_steps, feet.ground, self._performer.present
+        moving = self.command.moves and not steps.active
         upright = terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
         upright = (upright if performance is None else performance.upright) if terms.finite else math.nan
         inputs.request, inputs.moving, inputs.stepping = request.mode, moving, feet.stepping
-        inputs.maneuver, inputs.dropped = self._performer.wanted(request)
+        inputs.maneuver, inputs.dropped, steps.place = self._performer.wanted(request)
         speed = math.hypot(terms.px, terms.py) / self.robot.mass
-        inputs.settled = inputs.maneuver and speed < _REST and all(feet.settled)
+        inputs.settled = inputs.maneuver and steps.arrived and speed < _REST and all(feet.settled)
         inputs.performed = performance is not None and performance.done
         inputs.reacting = inputs.reacting and feet.stepping and not moving
         inputs.lame, inputs.failure = self.faults.lame, ""
@@ -293,7 +281,11 @@ class LeggedController:
             inputs.failure, inputs.folded = self._fall.tilted(upright), self._leg_retraction.done(time)
         else:
             solved, above = self.wbc.status is Status.CONVERGED, feet.ground.plane_at(terms.x, terms.y)
-            inputs.failure = self._fall.check(mode, state, terms, upright, float(self.target[2]), above, solved)
+            height = terms.z if terms.finite else math.nan
+            inputs.failure = self._fall.update(time, upright, float(self.target[2]) - height, solved)
+            if mode.upright and not inputs.failure:
+                touching = state.contacts is None or True in state.contacts.tolist()
+                inputs.failure = self._fall.update_support(time, height - above, touching)
             inputs.falling = self._fall.falls(time, upright, terms.z - above, speed)
             if performance is not None:
                 inputs.failure = inputs.failure or performance.failure
@@ -317,7 +309,7 @@ class LeggedController:
             self.wbc.reset()
             self._rest.begin(inputs.request)
         elif mode is Mode.LIE:
-            self._leg_retraction.begin(state.time, state.q[self._joints], self.wbc.tau)
+            self._leg_retraction.begin(state.time, state.q[self.robot.joint_q], self.wbc.tau)
             self.wbc.reset()
         elif mode is Mode.RISE:
             self._begin_rising(state.time)
@@ -359,7 +351,7 @@ class LeggedController:
     def _step(self, state: RobotState, request: MotionCommand) -> None:
         """Advance command, desired motion and feet, and write what the whole-body QP takes of them."""
         time, wbc, terms, feet, steps = state.time, self.wbc, self.wbc.terms, self.feet, self.push_steps
-        lifting = self.modes.mode in _LIFTING
+        lifting = self.modes.mode in (Mode.RISE, Mode.SIT)
         if lifting or request.mode != "stand" or self._inputs.maneuver:
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
         elif request.moves and feet.gait(request).stands:
@@ -411,7 +403,7 @@ class LeggedController:
             return
         if terms.z - floor < 0.5 * (self._leg_retraction.height + legs.height):
             self.modes.begin(Mode.LIE)
-            self._leg_retraction.begin(state.time, state.q[self._joints], self.wbc.tau)
+            self._leg_retraction.begin(state.time, state.q[self.robot.joint_q], self.wbc.tau)
             return
         self.modes.begin(Mode.STAND)
         self.wbc.stand()
@@ -427,11 +419,11 @@ class LeggedController:
         """Return the command of the whole-body QP's torques; those of the last solution, with damping, if it failed."""
         if self.wbc.status is Status.CONVERGED:
             return self._references.command(self.wbc.tau.copy(), state.q, state.v, self.wbc.acceleration)
-        return Command.damping(self.wbc.tau.copy(), state.q[self._joints], self.wbc.damping)
+        return Command.damping(self.wbc.tau.copy(), state.q[self.robot.joint_q], self.wbc.damping)
 
     def _lie(self, state: RobotState) -> Command:
         """Return the command that folds the legs under the trunk and holds them."""
-        joints, rates = state.q[self._joints], state.v[self._rates]
+        joints, rates = state.q[self.robot.joint_q], state.v[self.robot.joint_v]
         self.target[:], self.base_target[:] = self.wbc.terms.com, state.q[:7]
         self.wbc.tau[:] = self._leg_retraction.torques(state.time, joints, rates)
         return Command.feed_forward(self.wbc.tau.copy(), joints)
@@ -444,4 +436,5 @@ class LeggedController:
         return self._damp(state)
 
     def _damp(self, state: RobotState) -> Command:
-        return Command.damping(np.zeros(self.robot.nu), state.q[self._joints], self.wbc.settings.fallback_damping_nms)
+        damping = self.wbc.settings.fallback_damping_nms
+        return Command.damping(np.zeros(self.robot.nu), state.q[self.robot.joint_q], damping)

@@ -51,6 +51,7 @@ class Maneuver:
         stance: (n, nc) which feet carry.
         points: (n, nc, 3) contact points, m.
         longest_wait_s: longest wait for a touchdown, s.
+        anchored: whether it is performed where it was planned, and not wherever the robot stands.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Maneuver:
     stance: BoolArray
     points: Array
     longest_wait_s: float = 0.15
+    anchored: bool = False
 
     @classmethod
     def of(

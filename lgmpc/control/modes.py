@@ -21,11 +21,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from lgmpc.control.interface import RobotState
 from lgmpc.control.lying import LyingSettings
 from lgmpc.settings import Fraction, Positive, Settings, key
 from lgmpc.typing import Array
-from lgmpc.wbc import WholeBodyTerms
 
 _LOST_S = 0.03
 """s without contact of any foot after which a standing robot falls."""
@@ -147,11 +145,7 @@ class Transition:
     condition: Callable[[TransitionInputs], bool]
 
 
-def _way(
-    name: str, sources: frozenset[Mode], target: Mode, condition: Callable[[TransitionInputs], bool]
-) -> Transition:
-    return Transition(name, sources, target, condition)
-
+_way = Transition
 
 TRANSITIONS: tuple[Transition, ...] = (
     _way("emergency stop", _ARMED, Mode.DAMP, lambda s: s.request == "damp"),
@@ -251,34 +245,6 @@ class FallMonitor:
     def tilted(self, upright: float) -> str:
         """Return the reason why a robot with cosine ``upright`` of its tilt is damped; empty if it is not."""
         return f"tilted by more than {self._settings.tilt_deg:g} degrees" if upright < self._tilt else ""
-
-    def check(
-        self,
-        mode: Mode,
-        state: RobotState,
-        terms: WholeBodyTerms,
-        upright: float,
-        target: float,
-        ground: float,
-        solved: bool,
-    ) -> str:
-        """Return the reason why a robot that is not on its belly is damped; empty if it is not.
-
-        Args:
-            mode: its mode.
-            state: as sensed.
-            terms: at the state.
-            upright: cosine of the tilt.
-            target: desired height of the centre of mass, world, m.
-            ground: height of the ground below it, world, m.
-            solved: whether the whole-body controller had a solution at the last tick.
-        """
-        height = terms.z if terms.finite else math.nan
-        failure = self.update(state.time, upright, target - height, solved)
-        if failure or not mode.upright:
-            return failure
-        touching = state.contacts is None or True in state.contacts.tolist()
-        return self.update_support(state.time, height - ground, touching)
 
     def update(self, t: float, upright: float, error: float, solved: bool) -> str:
         """Return the reason why a robot that rises, stands or lies down is damped; empty if it is not.

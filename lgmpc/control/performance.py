@@ -23,6 +23,7 @@ import numpy as np
 from lgmpc.control.feet import Feet
 from lgmpc.control.maneuver import Maneuver
 from lgmpc.control.planner import Planner
+from lgmpc.control.push_steps import Place
 from lgmpc.control.reference import MotionTasks
 from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
@@ -255,14 +256,9 @@ class Performer:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        maneuvers: Sequence[Maneuver],
-        wbc: WholeBodyController,
-        tasks: MotionTasks,
-        feet: Feet,
+        self, robot: Robot, maneuvers: Sequence[Maneuver], wbc: WholeBodyController, tasks: MotionTasks, feet: Feet,
         period: float,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.present: Performance | None = None
         self._known = {each.name: each for each in maneuvers}
         self._landing = Maneuver.landing(robot, period)
@@ -274,16 +270,24 @@ class Performer:
         self.end()
         self._begun = None
 
-    def wanted(self, request: MotionCommand) -> tuple[bool, bool]:
-        """Return whether a command names a manoeuvre that it has not begun yet, from the ground or in the air."""
+    def wanted(self, request: MotionCommand) -> tuple[bool, bool, Place | None]:
+        """Return whether a command names a manoeuvre that it has not begun yet, from the ground or in the air.
+
+        And the place where it begins; None for wherever the robot is.
+        """
         if request.maneuver is None or request.maneuver == self._begun:
-            return False, False
-        if request.maneuver[0] not in self._known:
-            _LOG.warning("there is no manoeuvre '%s': the command is ignored", request.maneuver[0])
+            return False, False, None
+        plan = self._known.get(request.maneuver[0])
+        if plan is None or request.mode != "stand":
+            why = "there is none of this name" if plan is None else f"there is none in mode {request.mode}"
+            _LOG.warning("manoeuvre '%s': %s; the command is ignored", request.maneuver[0], why)
             self._begun = request.maneuver
-            return False, False
-        in_the_air = self._known[request.maneuver[0]].begins_in_the_air
-        return not in_the_air, in_the_air
+            return False, False, None
+        place, in_the_air = None, plan.begins_in_the_air
+        if plan.anchored and not in_the_air:
+            yaw = math.atan2(plan.rotation[0, 1, 0], plan.rotation[0, 0, 0])
+            place = (*self._feet.legs.above(plan.points[0], yaw).tolist()[:2], yaw)
+        return not in_the_air, in_the_air, place
 
     def begin(self, maneuver: tuple[str, float] | None) -> None:
         """Begin the manoeuvre of a command, name and time, from the sensed state; None lands a robot that falls."""

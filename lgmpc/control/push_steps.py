@@ -26,6 +26,8 @@ from lgmpc.wbc import HandMotion, WholeBodyTerms
 
 _LOG = logging.getLogger(__name__)
 _REST = 0.05  # m/s
+Place = tuple[float, float, float]
+"""x and y of the centre of mass, world, m, and heading, rad."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,7 @@ class PushSteps:
         active: whether the robot steps against a push, goes back after it, or to where its hands reach.
         deciding: whether schedules are being evaluated.
         costs: of the schedules evaluated so far; those of the last decision once it is made.
+        place: where a planned motion is to begin; None for wherever the robot stands.
     """
 
     def __init__(
@@ -79,6 +82,7 @@ class PushSteps:
     ) -> None:  # fmt: skip
         self.settings, self.active, self.deciding = settings, False, False
         self.costs: list[float] = []
+        self.place: Place | None = None
         self._feet, self._reference, self._mass, self._height = feet, reference, mass, feet.legs.height
         self._hands = hands
         self._reaction = StepReaction(settings, self._height)
@@ -88,6 +92,11 @@ class PushSteps:
         self._updates = 0  # of the next schedule's forecast so far
         self._guess: Any = None  # of its next one
         self._guesses: list[Any] = []  # of the schedules evaluated
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot is to stand where it does, and steps to no place."""
+        return not self.active and (self.place is None or self._near(self.place))
 
     def stop(self) -> None:
         """Discard the steps: another mode moves the feet."""
@@ -100,12 +109,11 @@ class PushSteps:
         self.active = self.active and self._feet.stepping
         if not self.active:
             return request, None
-        s, at, (x, y, yaw) = self.settings, self._reference, self._home
-        dx, dy, turn = x - at.x, y - at.y, math.remainder(yaw - at.yaw, 2.0 * math.pi)
-        distance = math.hypot(dx, dy)
-        if distance < s.place_tolerance_m and abs(turn) < s.place_tolerance_m / self._height:
+        s, at, (x, y, _) = self.settings, self._reference, self._home
+        dx, dy, turn = self._way(self._home)
+        if self._near(self._home):
             return replace(request, gait=s.gait), ((x, y), at.yaw + turn)  # of the velocity that is left
-        rate = min(s.return_rate_hz, s.return_speed_m_s / max(distance, abs(turn) * self._height))
+        rate = min(s.return_rate_hz, s.return_speed_m_s / max(math.hypot(dx, dy), abs(turn) * self._height))
         ahead, left = attitude.turn(-at.yaw, dx, dy)
         return replace(request, vx=rate * ahead, vy=rate * left, yaw_rate=rate * turn, gait=s.gait), None
 
@@ -183,7 +191,7 @@ class PushSteps:
         return True
 
     def return_feet(self, time: float, motion: BaseMotion, moves: bool, settings: ModeSettings) -> bool:
-        """Step to where the hands reach, or in place if a foot of a robot at rest has long been far from its place.
+        """Step to a place, or in place if a foot of a robot at rest has long been far from where it belongs.
 
         Args:
             time: s.
@@ -195,8 +203,9 @@ class PushSteps:
             Whether it begins to step.
         """
         reference, feet = self._reference, self._feet
-        if self._hands and not moves and self._approach(time):
-            return True
+        if self.place is not None or (self._hands and not moves and feet.standing):
+            if self._approach(time):
+                return True
         displaced = (
             feet.standing
             and not moves
@@ -210,15 +219,27 @@ class PushSteps:
         return feet.step_in_place(time)
 
     def _approach(self, time: float) -> bool:
-        """Begin to go to where the hands reach the ends of their motions, if one does not from here."""
+        """Begin to go to a place, or to where the hands reach the ends of their motions, unless the robot is there."""
         at, x, y = self._reference, self._reference.x, self._reference.y
         for hand in self._hands:
             x, y = hand.reached_from(x, y)
-        near = math.hypot(x - at.x, y - at.y) < self.settings.place_tolerance_m
-        if near or self.deciding or not self._feet.standing or not self._feet.step_in_place(time):
+        place = (x, y, at.yaw) if self.place is None else self.place
+        stays = self.active or self.deciding or self._near(place)
+        if stays or not (self._feet.stepping or self._feet.step_in_place(time)):
             return False
-        self._home, self._captured, self.active = (x, y, at.yaw), time, True
+        self._home, self._captured, self.active = place, time, True
         return True
+
+    def _way(self, place: Place) -> Place:
+        """Return the way to a place: x and y, world, m, and the turn, rad."""
+        (x, y, yaw), at = place, self._reference
+        return x - at.x, y - at.y, math.remainder(yaw - at.yaw, 2.0 * math.pi)
+
+    def _near(self, place: Place) -> bool:
+        """Return whether a place is where the robot should be now."""
+        dx, dy, turn = self._way(place)
+        most = self.settings.place_tolerance_m
+        return math.hypot(dx, dy) < most and abs(turn) < most / self._height
 
     def _write_horizon(self, schedule: StepSchedule, pushed: _Pushed, horizon: TimeGrid) -> None:
         """Write the contacts that a schedule would lead to."""

@@ -196,6 +196,15 @@ def test_a_push_on_a_shank_is_survived() -> None:
     assert log.stance is not None and not log.stance[log.time < 0.35, 0].all()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("body", ["FL_SHOULDER", "HR_UPPER_LEG"])
+def test_a_push_on_a_hip_or_thigh_makes_no_other_leg_step(body: str) -> None:
+    session = pushed((0.0, 2.0), seconds=1.0, body=body)
+    log = session.recorder.log()
+    others = [foot for foot, name in enumerate(session.robot.foot_names) if name[:2] != body[:2]]
+    assert log.stance is not None and log.stance[:, others].all() and log.tilt_deg.max() < 2.0  # 1.2 and 0.9
+
+
 def test_steps_are_repeatable_bit_by_bit() -> None:
     first, second = (pushed((0.0, 5.5), seconds=0.7).recorder.log().arrays() for _ in range(2))
     assert np.any(first["stance"] == 0)

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -138,8 +139,10 @@ class ClosedLoopSession:
         """Size of the log's arrays, B."""
         return self.recorder.log_bytes(self.log_every)
 
-    def run(self, progress: ProgressReport) -> SessionResult:
+    def run(self, progress: ProgressReport, scratch: Path | None = None) -> SessionResult:
         """Simulate to the end; see :meth:`lgmpc.config.session.Session.run`."""
+        if scratch is not None:
+            self.recorder.spill(scratch, self.log_bytes)
         interrupted, failure, active, before = False, "", self, None
         try:
             for active, end in (*self.earlier, (self, None)):

@@ -217,8 +217,8 @@ class DeploymentSession:
         """Size of the log's arrays, B."""
         return self.recorder.log_bytes(self.config.log_every)
 
-    def run(self, progress: ProgressReport) -> SessionResult:
-        """Run until the end of the config's duration, by the robot's clock."""
+    def run(self, progress: ProgressReport, scratch: Path | None = None) -> SessionResult:
+        """Run until the end of the config's duration, by the robot's clock. Ticks are in memory: a file's may wait."""
         # The estimate takes the place of the true state, and a fall does not end the run.
         observer = RunObserver(self.controller, self.recorder, self.ticks, progress, monitor=self.legs.monitor)
         nothing = Disturbance(np.zeros(6), np.zeros(3))

@@ -159,7 +159,7 @@ def run_session(
         session = prepare(stop.checked(notify))
         folder.check_space(session.log_bytes)
         with stop.deferred(progress) as report:
-            result = session.run(report)
+            result = session.run(report, folder.path)
             saved = _save_run(folder, config, result)
     return FinishedRun(folder, saved, config, result, signal=stop.received if result.interrupted else None)
 

@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import FrameType
 from typing import Protocol, TypeVar
 
@@ -67,12 +68,13 @@ class Session(Protocol):
     def log_bytes(self) -> int:
         """Size of the log's arrays, B."""
 
-    def run(self, progress: ProgressReport) -> SessionResult:
+    def run(self, progress: ProgressReport, scratch: Path | None = None) -> SessionResult:
         """Simulate from the start to the end of the config's duration.
 
         Args:
             progress: called between ticks, about every 0.05 s of simulated time. If it raises KeyboardInterrupt the
                 run ends there and its partial log is returned, marked as interrupted.
+            scratch: folder for the ticks until they are judged; in memory unless given.
         """
 
 

@@ -156,4 +156,5 @@ def foot_centres(points: Array, normals: Array, radius: float) -> Array:
 
 def along_ground(vectors: Array, normals: Array) -> Array:
     """Return (...,) the norms of the parts of (..., 3) vectors that are perpendicular to (..., 3) unit normals."""
-    return np.linalg.norm(vectors - np.sum(vectors * normals, axis=-1, keepdims=True) * normals, axis=-1)
+    along = np.sum(vectors * normals, axis=-1, keepdims=True) * normals
+    return np.linalg.norm(np.subtract(vectors, along, out=along), axis=-1)

@@ -160,7 +160,8 @@ class Limited:
         Args:
             time: (n,) times of the ticks, s.
         """
-        used = np.where(np.isfinite(self.used), self.used, -np.inf)
+        used = self.used
+        used[~np.isfinite(used)] = -np.inf
         return self._at(int(np.argmax(used)), time) if used.max(initial=-np.inf) > -np.inf else None
 
     def smallest(self, time: Array) -> Nearest | None:
@@ -272,8 +273,10 @@ def highest(
 
 
 def _positions(names: tuple[str, ...], angles: Array, joints: UnloggedLimits) -> Limited:
-    below, above = angles - joints.lower, joints.upper - angles
-    limits, margins = np.where(below < above, joints.lower, joints.upper), np.minimum(below, above)
+    below, margins = angles - joints.lower, joints.upper - angles
+    limits = np.where(below < margins, joints.lower, joints.upper)
+    np.minimum(below, margins, out=margins)
+    del below
     margins[np.isinf(margins)] = np.nan
     return Limited("joint position", "rad", names, angles, limits, margins, 0.5 * (joints.upper - joints.lower))
 

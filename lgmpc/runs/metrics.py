@@ -218,10 +218,11 @@ def compute_metrics(
     home = log.base_reference if log.commanded else base[:1]
     displacement = np.linalg.norm(base[:, :3] - home[:, :3], axis=1)
     rotations = so3.from_quaternion.unchecked(np.stack((home[-1, 3:], base[-1, 3:])))
+    walking = walking_metrics(log, fall_index)  # while there are no other large arrays
+    from_start = along_ground(log.foot_centres - log.foot_centres[:1], log.contact_normals[:1]).max(initial=0.0)
     torque = np.abs(log.tau)
     saturated = torque >= (1.0 - 1e-9) * log.effort_limit_over_time
     margins = (log.friction_limits - log.tangential_forces)[log.closed]
-    from_start = along_ground(log.foot_centres - log.foot_centres[:1], log.contact_normals[:1])
     steady = log.time >= steady_from_s
     com_error = np.linalg.norm(log.com - log.com_reference, axis=1)[steady]
     hands = _hand_errors(log, steady)
@@ -235,7 +236,7 @@ def compute_metrics(
         final_tilt_deg=float(tilt[-1]),
         final_rotation_deg=float(np.degrees(attitude.angle_between(*rotations))),
         max_slip_m=float(slide(log).max(initial=0.0)),
-        max_foot_displacement_m=float(from_start.max(initial=0.0)),
+        max_foot_displacement_m=float(from_start),
         max_abs_torque_nm=float(torque.max(initial=0.0)),
         torque_saturation_fraction=float(saturated.any(axis=1).mean()),
         min_friction_margin_n=float(margins.min()) if margins.size else None,
@@ -250,7 +251,7 @@ def compute_metrics(
         estimator_ms=None if whole.estimate_ms is None else timing(whole.estimate_ms),
         estimator=estimator_errors(log),
         min_base_height_fraction=float(height.min() / height[0]) if log.floating_base else 1.0,
-        walking=walking_metrics(log, fall_index),
+        walking=walking,
         falls=max(len(falls(log, fallen)), int(fell)),
         modes=mode_metrics(log, fallen),
         leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),

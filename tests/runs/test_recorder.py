@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,6 +84,31 @@ def test_the_log_is_no_second_copy_of_the_buffers() -> None:
     before = log.q.copy()
     record_standing(recorder, 1)
     np.testing.assert_array_equal(log.q, before)
+
+
+def anonymous_bytes() -> int:
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return 1024 * int(status.split("RssAnon:")[1].split()[0])
+
+
+def test_spilled_ticks_are_the_same_and_in_no_memory(tmp_path) -> None:
+    kept, spilled = new_recorder(ticks=2000), new_recorder(ticks=2000)
+    spilled.spill(tmp_path, log_bytes=1_000_000)
+    before = anonymous_bytes()
+    record_standing(spilled, 1900)
+    log = spilled.log()
+    assert anonymous_bytes() - before < 0.3 * sum(each.nbytes for each in log.arrays().values())
+    assert list(tmp_path.iterdir()) == []  # nothing is left behind, whatever ends the process
+    record_standing(kept, 1900)
+    for name, values in kept.log().arrays().items():
+        np.testing.assert_array_equal(log.arrays()[name], values)
+
+
+def test_without_space_ticks_stay_in_memory(tmp_path) -> None:
+    recorder = new_recorder()
+    recorder.spill(tmp_path, log_bytes=10**17)
+    record_standing(recorder, 10)
+    assert recorder.log().ticks == 10 and list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("changes", "named"), [({"tau": None}, "tau"), ({"tua": np.zeros(12)}, "tua")])

@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 
 from lgmpc.config import load_config
-from lgmpc.config.build import prepare
+from lgmpc.config.build import build_sensors, prepare
 from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.robots import joint_limits
+from lgmpc.control.interface import RobotState
 from lgmpc.runs import RunLog, compute_metrics, flat_metrics
 from lgmpc.runs.certificate import Balances, certify, window_edges
 from lgmpc.runs.limited import limited_quantities
+from lgmpc.simulation import make_plant
+from lgmpc.simulation.loop import Sensing, true_state
 from lgmpc.simulation.parameters import momentum_and_energy
+from lgmpc.simulation.plant import PlantSample
 from lgmpc.world import World
 from tests.support.displaced import DISPLACEMENTS, Displacement
 
@@ -26,6 +30,10 @@ NOWHERE, FLOOR = Displacement.of((0.0, 0.0, 0.0)), World()
 SHIFT = ("world={start_m: [3, -2], height_m: -0.7}", Displacement.of((3.0, -2.0, -0.7)))
 QUARTER = ("world={start_yaw_deg: 90}", Displacement.of((0.0, 0.0, 0.0), 90.0))
 ANGLE = ("world={start_yaw_deg: 70}", DISPLACEMENTS["turned"])
+
+CONTROLLERS = ("com_reference", "base_reference", "contact_forces_desired", "swing_targets", "footholds",
+               "mpc_horizon_com", "mpc_forces", "estimate_q")  # fmt: skip
+"""Channels in the controller's axes."""
 
 
 def run(name: str, overrides: list[str]) -> tuple[RunLog, ClosedLoopSession]:
@@ -77,6 +85,61 @@ def test_a_run_turned_by_any_angle_differs_by_the_sides_of_friction_pyramids() -
     found = differences(ANGLE[1].log(log, FLOOR), moved)
     assert 1e-6 < found["q"] < 5e-4 and found["com"] < 1e-5 and found["contact_points"] < 1e-4
     assert found["contact_forces"] < 2.5
+
+
+class Levelled:
+    """The plant's state in axes whose z is against gravity, as an inertial sensor tells it."""
+
+    def __init__(self, move: Displacement) -> None:
+        self.back = Displacement(move.rotation.T, -move.rotation.T @ move.translation)
+
+    def state(self, sample: PlantSample) -> RobotState:
+        forces = self.back.vectors(sample.contact_forces)
+        return true_state(sample._replace(q=self.back.poses(sample.q), contact_forces=forces))
+
+
+def run_tilted(name: str, overrides: list[str], move: Displacement) -> RunLog:
+    """Run as :func:`run` does, with ground, gravity and start displaced; the controller's axes are level."""
+    config = load_config(name, ["duration_s=0.6", *overrides])
+    session = prepare(config)
+    assert isinstance(session, ClosedLoopSession)
+    world, robot, start = move.world(session.world), move.robot(session.robot), session.initial.copy()
+    start[2] -= 1e-5
+    start[: robot.nq] = move.poses(start[: robot.nq])
+    session.recorder.world = world
+    estimator = session.estimator
+    tilted = replace(
+        session,
+        plant=make_plant(robot, session.simulated, world),
+        world=world,
+        initial=start,
+        sensing=Levelled(move) if estimator is None else Sensing(build_sensors(config, robot), estimator),
+    )
+    return tilted.run(lambda progress: None).log
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("solo12_velocity", ["duration_s=2.5"]),
+        ("solo12_velocity", ["plant.kind=pinocchio"]),
+        ("solo12_velocity_inekf", []),
+    ],
+    ids=["true state", "pinocchio", "estimate"],
+)
+def test_a_trot_where_ground_and_gravity_are_tilted_is_the_trot_tilted(name: str, overrides: list[str]) -> None:
+    """The controller's own z is against gravity: what it wants is level, what plant, recorder and feet do is tilted.
+
+    On the estimate nothing but the inertial sensor tells it where that is.
+    """
+    move = Displacement.of((0.3, -0.2, 0.1), 0.0, (4.0, -10.0))
+    log, _ = run(name, [TROT, *overrides])
+    wanted = {each: getattr(log, each) for each in CONTROLLERS if getattr(log, each) is not None}
+    found = differences(replace(move.log(log, FLOOR), **wanted), run_tilted(name, [TROT, *overrides], move))
+    forces = ("tau", "tau_command", "contact_forces", "contact_forces_desired", "mpc_forces")
+    assert max(found.pop(each, 0.0) for each in forces) < 1e-8
+    assert max(found.values()) < 1e-9, found
+    assert np.ptp(log.com, axis=0).max() > 0.08
 
 
 def judged(log: RunLog, balances: Balances, session: ClosedLoopSession, vertical: bool) -> dict[str, Any]:

@@ -68,7 +68,10 @@ def _multiples(period: float, count: int) -> Array:
 
 
 def minimum_jerk(x: Any) -> tuple[Any, Any, Any]:
-    """Return the way from rest to rest, 0 to 1, at the share ``x`` of its time, and its first two derivatives by it."""
+    """Return the way from rest to rest, 0 to 1, at the share ``x`` of its time, and its first two derivatives by it.
+
+    Flash and Hogan, "The coordination of arm movements", J. Neuroscience 5, 1985.
+    """
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2), 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
 
 

@@ -41,7 +41,6 @@ _REMEMBERED = 0.97
 _PRESS_SHARE, _FALLING = 0.1, 0.4
 """Load that brings a foot down to the ground that it lost, in weights, and the speed at which none is left, m/s."""
 
-_RAISING = 5.0  # weight of the height of a foot that is bound to lag, in those of its way
 _LEAST_REACH_SHARE = 0.2  # of the legs' length: the least horizontal reach that counts for the speed
 
 
@@ -369,8 +368,8 @@ class Feet:
         self._nominal[foot] = self.footholds[foot] = target
         return target
 
-    def write_contacts(self, time: float, swing: Task, catching: bool = False) -> None:
-        """Write what the QP takes of contacts and swings; ``catching`` a push, feet that lag leave the ground first."""
+    def write_contacts(self, time: float, swing: Task, raising: float = 1.0) -> None:
+        """Write what the QP takes of contacts and swings; ``raising`` is a factor on heights of feet that lag."""
         shares, airborne = bounds = self.events.loading(time), self.events.airborne(time)
         self._contacts.stance[...] = self.points.spread(self.stance & ~self.lost)
         if bounds != self._bounds or True in airborne:
@@ -382,8 +381,8 @@ class Feet:
             if self._headings:
                 self._turn_soles(time, target.velocity, target.acceleration)
             target.position[...] = self.targets
-            raising = [_RAISING if catching and path.unattainable else 1.0 for path in self._swings]
-            swing.weight[2::3] = swing.weight[::3] * spread(raising)
+            factors = [raising if path.unattainable else 1.0 for path in self._swings]
+            swing.weight[2::3] = swing.weight[::3] * spread(factors)
 
     def _bound_forces(self, shares: list[float], airborne: list[bool]) -> None:
         """Write the bounds of normal forces: unloaded, a foot that bounced off stays in the air; loaded, it strikes."""

@@ -18,9 +18,9 @@ from lgmpc.control.maneuver import Maneuver
 from lgmpc.control.modes import FallMonitor, Mode, ModeMachine, ModeSettings, RestMonitor, Transition, TransitionInputs
 from lgmpc.control.performance import Performance, Performer
 from lgmpc.control.planner import Planner
-from lgmpc.control.push_steps import PushSteps
 from lgmpc.control.reference import ComReference, DesiredMotion, MotionTasks
 from lgmpc.control.report import TickReport
+from lgmpc.control.uncommanded_steps import UncommandedSteps
 from lgmpc.estimation import DelaySettings, FrictionMonitor, JointFaultMonitor, JointFrictionEstimator, StatePredictor
 from lgmpc.locomotion.command import CommandSource, CommandTimeline, MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion
@@ -71,7 +71,7 @@ class LeggedController:
         target: (3,) desired centre of mass at the last update, world, m.
         base_target: (7,) base pose that goes with it [position, quaternion x y z w].
         modes: the present mode.
-        push_steps: steps that no command asks for.
+        uncommanded_steps: steps that no command asks for.
         joint_friction: as given.
         faults: motors that have lost torque.
         report: of the last update.
@@ -103,7 +103,9 @@ class LeggedController:
         self._estimators: list[Any] = [each for each in found if each is not None]
         self._period, self._time, self._elapsed = period, math.nan, period
         self._motion = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
-        self.push_steps = PushSteps(settings.reaction, self.feet, self._desired.builder, robot.mass, wbc.hands)
+        self.uncommanded_steps = UncommandedSteps(
+            settings.reaction, self.feet, self._desired.builder, robot.mass, wbc.hands
+        )
         self._mode_settings = ModeSettings() if modes is None else modes
         self.modes, self._inputs = ModeMachine(), TransitionInputs()
         self._fall = FallMonitor(self._mode_settings.fall, self.feet.legs.height)
@@ -127,7 +129,7 @@ class LeggedController:
         self._begun, self._waits, self._time = False, False, math.nan
         self._performer.reset()
         self.modes.begin(Mode.DAMP)
-        self.push_steps.stop()
+        self.uncommanded_steps.stop()
         self.wbc.reset()
         for each in self._estimators:
             each.reset()
@@ -156,7 +158,7 @@ class LeggedController:
             return
         if planner.finish(self.wbc.terms):
             report = report._replace(plan=planner.plan, plan_ms=report.plan_ms + 1e3 * (perf_counter() - started))
-        elif self.push_steps.evaluate(planner):
+        elif self.uncommanded_steps.evaluate(planner):
             report = report._replace(forecast_ms=1e3 * (perf_counter() - started))
         self.report = report
 
@@ -221,7 +223,7 @@ class LeggedController:
 
     def _plan(self, time: float, planner: Planner, missed: int) -> None:
         """Estimate the external wrench, plan if it is time to, and write the plan's targets of this tick."""
-        wbc, terms, steps, started = self.wbc, self.wbc.terms, self.push_steps, perf_counter()
+        wbc, terms, steps, started = self.wbc, self.wbc.terms, self.uncommanded_steps, perf_counter()
         wbc.external_wrench[...] = planner.observe(self._measured.momentum, missed)
         follows = not (self.robot.short_support and self.feet.standing)
         if not follows:
@@ -263,7 +265,7 @@ class LeggedController:
         """Measure what transitions depend on, make the one that is due, and return the mode."""
         machine, inputs, time = self.modes, self._inputs, state.time
         mode, terms, feet = machine.mode, self.wbc.terms, self.feet
-        steps, ground, performance = self.push_steps, feet.ground, self._performer.present
+        steps, ground, performance = self.uncommanded_steps, feet.ground, self._performer.present
         moving = self.command.moves and not steps.active
         upright = terms.upright if ground.level else float(terms.rotation[:, 2] @ ground.normal)
         upright = (upright if performance is None else performance.upright) if terms.finite else math.nan
@@ -328,7 +330,7 @@ class LeggedController:
         if (ended or transition.name in ("risen", "turn over")) and self.planner is not None:
             self.planner.reset()
         if not mode.upright:
-            self.push_steps.stop()
+            self.uncommanded_steps.stop()
             self.faults.reset()
             self.wbc.external_wrench[:] = 0.0
 
@@ -350,7 +352,7 @@ class LeggedController:
 
     def _step(self, state: RobotState, request: MotionCommand) -> None:
         """Advance command, desired motion and feet, and write what the whole-body QP takes of them."""
-        time, wbc, terms, feet, steps = state.time, self.wbc, self.wbc.terms, self.feet, self.push_steps
+        time, wbc, terms, feet, steps = state.time, self.wbc, self.wbc.terms, self.feet, self.uncommanded_steps
         lifting = self.modes.mode in (Mode.RISE, Mode.SIT)
         if lifting or request.mode != "stand" or self._inputs.maneuver:
             request = MotionCommand(gait=request.gait, mode=request.mode)  # comes to rest
@@ -367,7 +369,7 @@ class LeggedController:
         (steps if steps.active else feet).follow(time, command)
         feet.update(time, terms.contact_points, terms.contact_velocities, state.contacts, motion)
         self._desired.builder.draw(self._elapsed, feet.drawn)
-        feet.write_contacts(time, self._tasks.swing, steps.active)
+        feet.write_contacts(time, self._tasks.swing, steps.raising)
         wbc.contacts.friction[...] = self.floor.update(
             terms.contact_velocities, feet.settled, wbc.forces, terms.normals, feet.points.spread(feet.stance)
         )
@@ -387,7 +389,7 @@ class LeggedController:
         grid = planner.horizon.begun_at(time)
         self.feet.write_horizon(grid, self._motion, friction, planner.contacts)
         self._desired.write_horizon(planner.motion, grid, self.feet.ground)
-        planner.motion.catching = self.push_steps.active
+        planner.motion.catching = self.uncommanded_steps.active
         self.feet.write_leg_momentum(grid, planner.motion, planner.contacts)
 
     def _begin(self, state: RobotState) -> None:

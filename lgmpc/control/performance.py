@@ -23,8 +23,8 @@ import numpy as np
 from lgmpc.control.feet import Feet
 from lgmpc.control.maneuver import Maneuver
 from lgmpc.control.planner import Planner
-from lgmpc.control.push_steps import Place
 from lgmpc.control.reference import MotionTasks
+from lgmpc.control.uncommanded_steps import Place
 from lgmpc.lie import attitude
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.horizon import ContactHorizon, MotionReference

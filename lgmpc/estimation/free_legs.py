@@ -25,7 +25,7 @@ _LEAST_LOAD = 0.1
 
 
 class FreeLegs:
-    """What moves legs in the air besides motors and gravity: something pushes them, or is in their way.
+    """Observer of torques on legs in the air besides motors and gravity: something pushes them, or is in their way.
 
     In the air the equations of motion of a leg's joints hold no unknown force: the measured torque of a tick, less
     ``M a + h`` at the measured state and the change of the measured velocity, is what it was opposed by. On the ground

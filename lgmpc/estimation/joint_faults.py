@@ -11,8 +11,8 @@ from lgmpc.compile import StageKernel
 from lgmpc.control.interface import RobotState
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot, leg_joints
+from lgmpc.robot.contact_points import ContactPoints
 from lgmpc.robot.feet import UP
-from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.settings import Positive, Settings, key
 from lgmpc.typing import GRAVITY, Array
 

@@ -26,15 +26,18 @@ def identity() -> Array:
 @checked(checks.quaternion, checks.quaternion)
 def compose(first: Array, second: Array) -> Array:
     """Return the product: rotate by ``second``, then by ``first``."""
-    x, y, z, w = parts(first)
-    a, b, c, d = parts(second)
-    return vector(
-        (
-            w * a + d * x + y * c - z * b,
-            w * b + d * y + z * a - x * c,
-            w * c + d * z + x * b - y * a,
-            w * d - x * a - y * b - z * c,
-        )
+    return vector(product(parts(first), parts(second)))
+
+
+def product(first: Entries, second: Entries) -> tuple[Any, Any, Any, Any]:
+    """Return the entries of :func:`compose`, also of CasADi expressions."""
+    x, y, z, w = first
+    a, b, c, d = second
+    return (
+        w * a + d * x + y * c - z * b,
+        w * b + d * y + z * a - x * c,
+        w * c + d * z + x * b - y * a,
+        w * d - x * a - y * b - z * c,
     )
 
 
@@ -81,13 +84,16 @@ def log(q: Array) -> Array:
 @checked(checks.quaternion)
 def to_matrix(q: Array) -> Array:
     """Return rotation matrices (..., 3, 3)."""
-    x, y, z, w = parts(q)
+    return matrix(rotation_rows(parts(q)), 3)
+
+
+def rotation_rows(q: Entries) -> Entries:
+    """Return the 9 entries of :func:`to_matrix`, row by row."""
+    x, y, z, w = q
     xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
     xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
     xw, yw, zw = 2.0 * x * w, 2.0 * y * w, 2.0 * z * w
-    return matrix(
-        (1.0 - yy - zz, xy - zw, xz + yw, xy + zw, 1.0 - xx - zz, yz - xw, xz - yw, yz + xw, 1.0 - xx - yy), 3
-    )
+    return 1.0 - yy - zz, xy - zw, xz + yw, xy + zw, 1.0 - xx - zz, yz - xw, xz - yw, yz + xw, 1.0 - xx - yy
 
 
 @checked(checks.rotation)

@@ -134,13 +134,13 @@ class ReferenceBuilder:
         angles = yaw, pitch, roll, command.yaw_rate
         if angles != self._attitude:
             self._attitude = angles
-            tilt = _pitch_roll(pitch, roll)
-            q = _about_vertical(tilt, math.cos(0.5 * yaw), math.sin(0.5 * yaw))
-            rotation = _rotation(*q)
-            turning = [command.yaw_rate * each for each in rotation[2]]  # the vertical, in the base's axes
+            tilt = _tilt(pitch, roll)
+            q = quaternion.product((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)), tilt)
+            rotation = quaternion.rotation_rows(q)
+            turning = [command.yaw_rate * each for each in rotation[6:]]  # the vertical, in the base's axes
             pose.base_pose[3:] = q
-            pose.attitude[:] = [*rotation[0], *rotation[1], *rotation[2], *turning]
-            bx, by, bz = _rotate(tilt, self._legs.base)
+            pose.attitude[:] = [*rotation, *turning]
+            bx, by, bz = quaternion.act.unchecked(np.array(tilt), self._legs.base).tolist()
             self._base = (*attitude.turn(yaw, bx, by), bz)
         x, y = self.x, self.y
         z = ground.plane_at(x, y) + self._legs.height + command.height
@@ -181,11 +181,11 @@ class ReferenceBuilder:
         self._times[:, 0] = grid.elapsed
         if ramp is None:
             ramp = _CONSTANT
-        tilt = _pitch_roll(*self._along(ground, command))
+        tilt = _tilt(*self._along(ground, command))
         z = ground.plane_at(self.x, self.y) + self._legs.height + command.height
         self._now[:] = (
             self.x, self.y, z, self.yaw, command.vx, command.vy, command.yaw_rate, ramp.ax, ramp.ay, ramp.duration,
-            *tilt, *_rotate(tilt, self._legs.base), *ground.slope,
+            *tilt, *quaternion.act.unchecked(np.array(tilt), self._legs.base), *ground.slope,
         )  # fmt: skip
         self._run()
 
@@ -220,7 +220,7 @@ def _motion_ahead(joints: int) -> ca.Function:
     com = ca.vertcat(x, y) + chord * _turned(half, vx, vy) + way * _turned(heading, ax, ay)
     # Rz(yaw) Ry(pitch) Rx(roll), and the base where the centre of mass of the reference posture requires it.
     tilt, base, slope = ca.vertsplit(now[10:14]), now[14:17], now[17:]
-    attitude = _about_vertical(tilt, ca.cos(0.5 * yaw), ca.sin(0.5 * yaw))
+    attitude = quaternion.product((0.0, 0.0, ca.sin(0.5 * yaw), ca.cos(0.5 * yaw)), tilt)
     height = z + ca.dot(slope, com - ca.vertcat(x, y))
     origin = ca.vertcat(com + _turned(yaw, base[0], base[1]), height + base[2])
     outputs = {
@@ -240,26 +240,7 @@ def _turned(angle: Any, x: Any, y: Any) -> Any:
     return ca.vertcat(c * x - s * y, s * x + c * y)
 
 
-def _pitch_roll(pitch: float, roll: float) -> tuple[float, float, float, float]:
+def _tilt(pitch: float, roll: float) -> tuple[float, float, float, float]:
     """Return the quaternion x y z w of Ry(pitch) Rx(roll)."""
-    cp, sp, cr, sr = math.cos(0.5 * pitch), math.sin(0.5 * pitch), math.cos(0.5 * roll), math.sin(0.5 * roll)
-    return cp * sr, sp * cr, -sp * sr, cp * cr
-
-
-def _about_vertical(tilt: Sequence[Any], c: Any, s: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the quaternion of Rz(yaw) times ``tilt``, from cosine and sine of half the yaw."""
-    x, y, z, w = tilt
-    return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
-
-
-def _rotation(x: float, y: float, z: float, w: float) -> list[list[float]]:
-    """Return the matrix of a unit quaternion."""
-    return [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-
-
-def _rotate(by: tuple[float, float, float, float], point: Array) -> list[float]:
-    return quaternion.act.unchecked(np.array(by), point).tolist()
+    about_y = 0.0, math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch)
+    return quaternion.product(about_y, (math.sin(0.5 * roll), 0.0, 0.0, math.cos(0.5 * roll)))

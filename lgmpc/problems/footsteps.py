@@ -11,6 +11,7 @@ from lgmpc.errors import InputError
 from lgmpc.lie import se3, so3
 from lgmpc.locomotion.sequence import GaitSequence
 from lgmpc.robot.feet import UP
+from lgmpc.timegrid import minimum_jerk
 from lgmpc.typing import Array, numbers
 
 
@@ -140,8 +141,8 @@ class BaseLeap:
 class SwingCurve:
     """Reference of a foot in the air: velocity and acceleration are zero at both ends.
 
-    With ``s`` from 0 to 1, ``start + (end - start)(10 s^3 - 15 s^4 + 6 s^5)`` (minimum jerk: Flash and Hogan,
-    J. Neurosci. 5, 1985) plus ``64 height s^3 (1 - s)^3`` along the ground's normal, whose apex is at half time.
+    With ``s`` from 0 to 1, ``start + (end - start)(10 s^3 - 15 s^4 + 6 s^5)`` (minimum jerk) plus
+    ``64 height s^3 (1 - s)^3`` along the ground's normal, whose apex is at half time.
 
     Attributes:
         start: (3,) position at lift-off, world, m.
@@ -171,8 +172,7 @@ class SwingCurve:
     def positions(self, times: ArrayLike) -> Array:
         """Return (..., 3) the positions at ``times``, world, m; those of the ends before and after."""
         s = self.progress(times)
-        line = s**3 * (10.0 + s * (6.0 * s - 15.0))
-        points = self.start + line[..., None] * (self.end - self.start)
+        points = self.start + minimum_jerk(s)[0][..., None] * (self.end - self.start)
         return points + (64.0 * self.height * (s * (1.0 - s)) ** 3)[..., None] * np.asarray(self.normal)
 
 

@@ -23,9 +23,9 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.costs import StageSymbols
 from lgmpc.robot import Robot
+from lgmpc.robot.contact_points import ContactPoints
 from lgmpc.robot.feet import UP
 from lgmpc.robot.friction import friction_pyramid, joint_friction_torque
-from lgmpc.robot.symbolic import ContactPoints
 from lgmpc.typing import Array, BoolArray
 from lgmpc.wbc.settings import WholeBodySettings
 from lgmpc.wbc.solver import WholeBodySolver

@@ -10,7 +10,7 @@ import pinocchio as pin
 from lgmpc.costs import Parameter, StageSymbols
 from lgmpc.lie.symbolic import so3
 from lgmpc.robot import Robot, leg_normals, upper_body_joints
-from lgmpc.robot.symbolic import ContactPoints
+from lgmpc.robot.contact_points import ContactPoints
 from lgmpc.wbc.hands import HandTask
 from lgmpc.wbc.settings import Gain, WholeBodySettings
 from lgmpc.wbc.tasks import SymbolicTask, Task, TaskRows

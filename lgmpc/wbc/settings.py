@@ -110,7 +110,9 @@ class WholeBodyWeights(Settings):
     angular_momentum: NonNegative = key(100.0, "Rate of the angular momentum (scaled by mass).")
     posture: NonNegative = key(1e-3, "Joint accelerations towards the reference posture.")
     upper_body_joints: NonNegative = key(
-        10.0, "Accelerations of joints that move no foot, such as an arm's, towards the reference posture."
+        10.0,
+        "Accelerations of joints that move no foot, such as an arm's, towards the reference posture; of humanoids"
+        " short_support_weights has them.",
     )
     stance: NonNegative = key(1e3, "Acceleration of the feet in contact, which should not move.")
     swing: NonNegative = key(10.0, "Acceleration of the feet in the air.")

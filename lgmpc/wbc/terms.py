@@ -8,7 +8,7 @@ import numpy as np
 from lgmpc.compile import StageKernel
 from lgmpc.errors import InputError
 from lgmpc.robot import Robot
-from lgmpc.robot.symbolic import ContactPoints
+from lgmpc.robot.contact_points import ContactPoints
 from lgmpc.typing import Array
 
 

@@ -51,8 +51,8 @@ def test_planning_and_forecasts_have_durations_of_their_own(
 
     assert durations(0.0) == (250.0, 4500.0, 0.0)
     assert durations(0.001) == (250.0, 0.0, 0.0)
-    monkeypatch.setattr(controller.push_steps, "evaluate", lambda _: True)
-    takes(controller.push_steps, "evaluate", 2.0)
+    monkeypatch.setattr(controller.uncommanded_steps, "evaluate", lambda _: True)
+    takes(controller.uncommanded_steps, "evaluate", 2.0)
     assert durations(0.002) == (250.0, 0.0, 2000.0)
 
 

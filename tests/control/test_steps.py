@@ -13,7 +13,7 @@ from lgmpc.config.closed_loop import ClosedLoopSession
 from lgmpc.config.loading import load_config
 from lgmpc.control.feet import Feet
 from lgmpc.control.interface import RobotState
-from lgmpc.control.push_steps import PushSteps
+from lgmpc.control.uncommanded_steps import UncommandedSteps
 from lgmpc.errors import ConfigError
 from lgmpc.locomotion import BaseMotion, MotionCommand
 from lgmpc.locomotion.reference import ReferenceBuilder
@@ -53,7 +53,7 @@ def test_a_push_that_the_feet_can_hold_is_held_in_place(impulse: tuple[float, fl
     session = pushed(impulse, seconds=1.3)
     log = session.recorder.log()
     assert log.stance is not None and log.stance.all()
-    assert not session.controller.push_steps.costs
+    assert not session.controller.uncommanded_steps.costs
     moved = np.linalg.norm(log.contact_points[-1, :, :2] - log.contact_points[0, :, :2], axis=1)
     assert moved.max() < 0.02 and not session.controller.fallen
 
@@ -69,7 +69,7 @@ def test_where_friction_is_low_a_margin_keeps_the_feet_in_place(margin: float, s
 
 def test_the_schedule_followed_is_the_best_of_those_evaluated() -> None:
     session = pushed((2.75, 4.76), seconds=0.55)
-    steps, clock = session.controller.push_steps, session.controller.feet.clock
+    steps, clock = session.controller.uncommanded_steps, session.controller.feet.clock
     assert steps.active and len(steps.costs) == 4
     schedules = session.controller.feet.step_schedules()
     close = [
@@ -82,7 +82,7 @@ def test_the_schedule_followed_is_the_best_of_those_evaluated() -> None:
     assert any(not first[schedule.first] for schedule in close)
     # As of a loop that has forecasts made once the command is sent.
     apart = pushed((2.75, 4.76), seconds=0.55, finished_apart=True)
-    assert apart.controller.push_steps.costs == steps.costs
+    assert apart.controller.uncommanded_steps.costs == steps.costs
     np.testing.assert_array_equal(apart.recorder.log().q, session.recorder.log().q)
 
 
@@ -100,7 +100,7 @@ def test_an_oblique_push_is_met_first_by_the_foot_that_it_points_to(impulse: tup
 
 def test_schedules_are_evaluated_for_the_same_state() -> None:
     """A mirrored push exchanges the costs of the diagonals; a later evaluation finds a faster robot, and costs more."""
-    left, right = (np.array(pushed((3.0, y), seconds=0.55).controller.push_steps.costs) for y in (5.196, -5.196))
+    left, right = (np.array(pushed((3.0, y), seconds=0.55).controller.uncommanded_steps.costs) for y in (5.196, -5.196))
     np.testing.assert_allclose(left.reshape(2, 2), right.reshape(2, 2)[:, ::-1], rtol=2e-3)
     assert np.abs(left[0] - left[1]) > 5e-3 * left[0]
 
@@ -112,7 +112,7 @@ def test_the_way_back_is_straight_and_ends_where_the_robot_stood() -> None:
     controller, settings = build_controller(config, robot), config.locomotion
     feet = Feet(robot, settings, gaits_of(robot, settings), controller.wbc.contacts)
     reference = ReferenceBuilder(robot, feet.legs)
-    steps, home, yaw = PushSteps(settings.reaction, feet, reference, robot.mass), np.array([3.0, -2.0]), 0.7
+    steps, home, yaw = UncommandedSteps(settings.reaction, feet, reference, robot.mass), np.array([3.0, -2.0]), 0.7
     reference.begin(np.array([*home, 0.0]), yaw)
     fast = np.zeros(robot.nv)
     fast[1] = 1.5
@@ -185,7 +185,7 @@ def test_steps_against_a_push_take_as_long_as_in_the_forecast_that_chose_them() 
 def test_a_stroke_of_20_ms_is_survived(plant: str, impulse: tuple[float, float]) -> None:
     """Feet that lag because the motors are too weak for their steps were taken for blocked ones, or slid on."""
     session = pushed(impulse, seconds=1.8, overrides=(f"plant.kind={plant}",), lasting=0.02)
-    assert not session.controller.fallen and session.controller.push_steps.active
+    assert not session.controller.fallen and session.controller.uncommanded_steps.active
 
 
 def test_a_push_on_a_shank_is_survived() -> None:

@@ -4,7 +4,7 @@ import pytest
 from lgmpc.lie import quaternion, so3
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.mpc import MeasuredState
-from lgmpc.mpc.reference import CentroidalReference
+from lgmpc.mpc.centroidal import CentroidalReference
 from lgmpc.timegrid import TimeGrid
 
 MASS, RATE, NODE = 2.5, 3.0, 0.02

@@ -1,4 +1,4 @@
-"""Uncommanded steps: against a push beyond the limits of the feet in place and back, and to where hands reach."""
+"""Uncommanded steps: against a push beyond the limits of the feet in place and back, to places of hands and motions."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from lgmpc.wbc import HandMotion, WholeBodyTerms
 
 _LOG = logging.getLogger(__name__)
 _REST = 0.05  # m/s
+_RAISING = 5.0  # weight of the height of a foot that is bound to lag, in those of its way, while a push is caught
 Place = tuple[float, float, float]
 """x and y of the centre of mass, world, m, and heading, rad."""
 
@@ -54,7 +55,7 @@ class _Pushed:
     forces: Array
 
 
-class PushSteps:
+class UncommandedSteps:
     """Monitors the predicted motion of a standing robot, and starts steps against a push and back.
 
     The MPC's plan is the prediction; a robot on soles, which does not follow its plan while it stands, is judged by its
@@ -97,6 +98,11 @@ class PushSteps:
     def arrived(self) -> bool:
         """Whether the robot is to stand where it does, and steps to no place."""
         return not self.active and (self.place is None or self._near(self.place))
+
+    @property
+    def raising(self) -> float:
+        """Factor of the weights of heights of feet that cannot be at their targets in time."""
+        return _RAISING if self.active else 1.0
 
     def stop(self) -> None:
         """Discard the steps: another mode moves the feet."""

@@ -4,15 +4,13 @@ All functions take configuration and velocity where they need them, and the norm
 geometry is that of :mod:`lgmpc.robot.feet`.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import pinocchio as pin
 
 from lgmpc.robot.feet import axes_of, lever, touching
-
-if TYPE_CHECKING:
-    from lgmpc.robot.model import Robot
+from lgmpc.robot.model import Robot
 
 _ALIGNED = pin.LOCAL_WORLD_ALIGNED
 
@@ -27,7 +25,7 @@ class ContactPoints:
         normals: (3 nc,) unit normals of the surfaces under the feet, world axes.
     """
 
-    def __init__(self, robot: "Robot", q: Any, v: Any, normals: Any) -> None:
+    def __init__(self, robot: Robot, q: Any, v: Any, normals: Any) -> None:
         self._robot, self._model, self._q, self._v = robot, robot.symbolic, q, v
         self._normals = [normals[3 * i : 3 * i + 3] for i in range(robot.nc)]
 

@@ -12,15 +12,18 @@ import pytest
 from lgmpc import load_config
 from lgmpc.actions import CentroidalAction
 from lgmpc.config.build import prepare
+from lgmpc.control.feet import Feet
+from lgmpc.locomotion import MotionCommand
 from lgmpc.locomotion.footholds import BaseMotion, FootholdPlanner
 from lgmpc.locomotion.gait import biped_gaits
 from lgmpc.locomotion.legs import LegGeometry, leg_inertias, leg_momentum
 from lgmpc.locomotion.maps import KnownMap, KnownMapSettings
+from lgmpc.locomotion.settings import LocomotionSettings, gaits_of
 from lgmpc.locomotion.stepping import MappedBelief
 from lgmpc.locomotion.terrain import TerrainBeliefSettings
 from lgmpc.robot import leg_joints, load_robot
 from lgmpc.timegrid import TimeGrid
-from lgmpc.wbc import WholeBodyController, WholeBodySettings
+from lgmpc.wbc import Contacts, WholeBodyController, WholeBodySettings
 from tests.support.displaced import DISPLACEMENTS
 
 PUSH = "pushes=[{{body: base_link, time_s: 0.05, duration_s: 0.2, impulse_ns: [{}, {}, 0]}}]"
@@ -245,6 +248,25 @@ def test_g1_walks_fast_with_its_base_low_on_flat_soles_that_do_not_meet():
     tilt = np.degrees(np.arccos(np.abs(normals[..., 2]) / np.linalg.norm(normals, axis=-1)))
     assert tilt.max() < 3.0  # 2.2 measured
     assert log.stance.shape == (log.ticks, 2) and not log.stance.all()
+
+
+@pytest.mark.parametrize(("height", "rough"), [(0.005, False), (0.015, True)])
+def test_soles_that_land_a_hundredth_of_the_height_off_tell_of_rough_ground(legs, height, rough):
+    """Soles clear a third of what point feet clear: 3 % of the whole height (26 mm) are as high as their swings."""
+    settings, whole = LocomotionSettings(), WholeBodySettings().scaled(legs)
+    feet = Feet(legs, settings, gaits_of(legs, settings), Contacts.standing(legs, whole))
+    corners = feet.points.place(feet.legs.feet * [1.0, 1.0, 0.0], np.zeros(2), feet.ground.normals)
+    feet.begin(0.0, corners, None)
+    ground = np.zeros(2)
+    for time in 1e-3 * np.arange(1, 900):
+        feet.follow(time, MotionCommand(vx=0.1, gait="walk"))
+        touching = feet.clock.flags(time)
+        touching[0] |= feet.velocity[0, 2] < 0.0 and feet.position[0, 2] < height
+        ground[0] = ground[0] if feet.stance[0] else height  # a block below its first swing
+        corners[:, 2] = feet.points.spread(np.where(feet.stance, ground, feet.position[:, 2]))
+        still = BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+        feet.update(time, corners, np.zeros_like(corners), feet.points.spread(touching), still)
+    assert (feet.roughness > 0.0) == rough
 
 
 @pytest.mark.slow

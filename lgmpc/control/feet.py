@@ -32,7 +32,7 @@ _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second o
 _SETTLED_S = 0.018
 """s after its touchdown from which a foot's sliding is evidence about the floor."""
 
-_EVEN_SHARE = 0.03  # of the height of the centre of mass: by so much less a touchdown may deviate on even ground
+_EVEN_SHARE = 0.03  # of the legs' scale: by so much less a touchdown may deviate on even ground
 _BELOW_SHARE = 0.015
 _ROUGHEST_SHARE = 0.2
 _REMEMBERED = 0.97
@@ -291,7 +291,7 @@ class Feet:
 
     def _below(self, foot: int) -> bool:
         """Return whether a foot in the air is below the ground that it should have found; on rough ground, any is."""
-        below = self._points[foot, 2] < self.footholds[foot, 2] - _BELOW_SHARE * self.legs.height
+        below = self._points[foot, 2] < self.footholds[foot, 2] - _BELOW_SHARE * self.legs.scale
         return not self._stood[foot] and (self.roughness > 0.0 or bool(below))
 
     def _write_normals(self) -> None:
@@ -310,7 +310,7 @@ class Feet:
 
     def _touch(self, deviation: float) -> None:
         """Take the deviation of a touchdown from its expected height, m, as evidence of rough ground."""
-        unexpected = min(deviation - _EVEN_SHARE * self.legs.height, _ROUGHEST_SHARE * self.legs.height)
+        unexpected = min(deviation - _EVEN_SHARE * self.legs.scale, _ROUGHEST_SHARE * self.legs.scale)
         self.roughness = max(_REMEMBERED * self.roughness, unexpected, 0.0)
         for swing in self._swings:
             swing.roughness = self.roughness

@@ -262,15 +262,12 @@ class FootholdPlanner:
             ahead, left = self._walking[foot]
             left *= width
         fx, fy = attitude.turn(motion.yaw + turned + omega * half, ahead, left)
-        ax, ay = motion.error_x, motion.error_y
         bx, by = gain * (vx - wx), gain * (vy - wy)
         shift, most = math.hypot(bx, by), motion.friction * self.height
         if shift > most:
             bx, by = bx * most / shift, by * most / shift
-        ax, ay = s.position_feedback * ax, s.position_feedback * ay
-        if stance < math.inf and (
-            motion.load_x or motion.load_y
-        ):  # where the weight's moment about the feet balances that of the load
+        ax, ay = s.position_feedback * motion.error_x, s.position_feedback * motion.error_y
+        if stance < math.inf and (motion.load_x or motion.load_y):  # the weight's moment balances that of the load
             aside, along = attitude.turn(motion.yaw + turned, *self.normals[foot])
             across = aside * motion.load_x + along * motion.load_y  # planar legs have no foothold against it
             ax += (motion.load_x - across * aside) / (rate * rate)
@@ -383,9 +380,7 @@ class FootholdPlanner:
                 duration = clock.stance_duration(foot, swing.liftoff)
                 x, y = place(foot, motion, swing.touchdown - t, duration, width=clock.gait.width)
                 begin = grid.first_from(swing.liftoff)
-                points[begin:, foot, 0] = x
-                points[begin:, foot, 1] = y
-                points[begin:, foot, 2] = self.ground.height_at(x, y)
+                points[begin:, foot] = x, y, self.ground.height_at(x, y)
                 if yaws is not None:
                     yaws[begin:, foot] = self.heading(motion, swing.touchdown - t, duration)
 

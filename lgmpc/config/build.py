@@ -183,15 +183,7 @@ def _build_whole_body(config: Config, robot: Robot) -> WholeBodyController:
 
 
 def build_recorder(
-    config: Config,
-    robot: Robot,
-    ticks: TimeGrid,
-    *,
-    effort_limit: Array,
-    mass: float,
-    friction: float,
-    estimated: bool,
-    world: World | None = None,
+    config: Config, robot: Robot, ticks: TimeGrid, *, estimated: bool, world: World | None = None
 ) -> Recorder:
     """Return an empty recorder.
 
@@ -199,12 +191,13 @@ def build_recorder(
         config: the closed loop.
         robot: its robot.
         ticks: of the run.
-        effort_limit: (nu,) torque limits of the joints, N.m.
-        mass: of the recorded robot, kg.
-        friction: coefficient of its floor.
         estimated: whether an estimate is recorded beside the true state.
-        world: the world of a simulated robot.
+        world: the world of a simulated robot; None for a real one, whose limits and mass are those of the model.
     """
+    plant, effort_limit, mass, friction = config.plant, robot.effort_limit, robot.mass, config.wbc.friction
+    if world is not None:
+        effort_limit, friction = real_effort_limit(robot, plant), plant.friction
+        mass = plant.mass_scale * mass + plant.base_added_mass_kg
     mpc = next((part.mpc for _, part in config.parts() if part.mpc.enabled), None)
     optional = {
         "belief": world is not None and bool(robot.contact_frames) and not world.level,
@@ -255,20 +248,8 @@ def _build_session(
     initial = initial_state(robot, config.plant, world)
     estimator = build_estimator(config, robot, controller, initial[:7], notify)
     ticks = control_ticks(plant.dt, config.wbc.rate_hz, config.duration_s)
-    recorder = (
-        before.recorder
-        if before
-        else build_recorder(
-            whole,
-            robot,
-            ticks,
-            effort_limit=real_effort_limit(robot, config.plant),
-            mass=config.plant.mass_scale * robot.mass + config.plant.base_added_mass_kg,
-            friction=config.plant.friction,
-            estimated=estimator is not None,
-            world=world,
-        )
-    )
+    estimated = estimator is not None
+    recorder = before.recorder if before else build_recorder(whole, robot, ticks, estimated=estimated, world=world)
     return ClosedLoopSession(
         robot=robot, plant=plant, controller=controller, initial=initial, estimator=estimator, world=world,
         pushes=PushSchedule(config.pushes, plant.dt, plant.bodies), simulated=config.plant,

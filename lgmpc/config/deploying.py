@@ -17,7 +17,7 @@ from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
 from lgmpc.config.session import Notify, ProgressReport, SessionResult, ignore
-from lgmpc.control.interface import Command, CommandGuard, command_limits
+from lgmpc.control.interface import Command, CommandGuard, Measurement, command_limits
 from lgmpc.control.legged import LeggedController
 from lgmpc.estimation import LeggedEstimator, LeggedEstimatorSettings
 from lgmpc.hardware.deployment import DeployedTick, Deployment, Driver, StopReason, deploy
@@ -37,6 +37,7 @@ from lgmpc.simulation.initial import initial_state
 from lgmpc.simulation.loop import Disturbance, Hardware, Tick, control_ticks
 from lgmpc.simulation.plant import PlantSample
 from lgmpc.timegrid import TimeGrid
+from lgmpc.typing import Array
 from lgmpc.world import make_world
 
 _LOG = logging.getLogger(__name__)
@@ -148,21 +149,25 @@ def _prepare(config: Config, driver: Callable[[Robot], Driver], notify: Notify) 
     notify("loading the robot")
     robot = build_robot(config)
     controller = build_controller(config, robot, notify)
-    _arrange_planning(config, controller)
-    world = make_world(config.world, config.plant.friction, config.seed)
-    estimator = build_estimator(config, robot, controller, initial_state(robot, config.plant, world)[:7], notify)
+    start = initial_state(robot, config.plant, make_world(config.world, config.plant.friction, config.seed))
+    estimator = build_estimator(config, robot, controller, start[:7], notify)
     assert estimator is not None
     ticks = control_ticks(1.0 / config.plant.rate_hz, config.wbc.rate_hz, config.duration_s)
-    recorder = build_recorder(
-        config,
-        robot,
-        ticks,
-        effort_limit=robot.effort_limit,
-        mass=robot.mass,
-        friction=config.wbc.friction,
-        estimated=False,
-    )
+    _warm_up(controller, estimator, start[7 : robot.nq], ticks)
+    _arrange_planning(config, controller)
+    recorder = build_recorder(config, robot, ticks, estimated=False)
     return DeploymentSession(config, controller, ticks, recorder, estimator, driver)
+
+
+def _warm_up(controller: LeggedController, estimator: LeggedEstimator, joints: Array, ticks: TimeGrid) -> None:
+    """Make what the first ticks would make, buffers and bound calls, by some ticks at rest that are then forgotten."""
+    still, nothing, upward = np.zeros(3), np.zeros(len(joints)), -np.array(controller.robot.gravity)
+    torques = nothing
+    for time in ticks.nodes[:5].tolist():
+        reading = Measurement(time, still, upward, joints, nothing, torques)
+        torques = controller.update(estimator.update(reading)).tau
+    controller.reset()
+    estimator.reset()
 
 
 def _arrange_planning(config: Config, controller: LeggedController) -> None:

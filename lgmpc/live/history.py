@@ -36,10 +36,8 @@ class PictureHistory:
         # What is at the end of a link knows of no simulated world.
         self.world = World() if started.deployed else make_world(config.world, config.plant.friction, config.seed)
         ticks = control_ticks(1.0 / config.plant.rate_hz, config.wbc.rate_hz, 2.0 / config.wbc.rate_hz)
-        self._recorder = build_recorder(
-            config, robot, ticks, effort_limit=robot.effort_limit, mass=robot.mass, friction=config.plant.friction,
-            estimated=not (started.deployed or isinstance(config.estimator, GroundTruth)), world=self.world,
-        )  # fmt: skip
+        estimated = not (started.deployed or isinstance(config.estimator, GroundTruth))
+        self._recorder = build_recorder(config, robot, ticks, estimated=estimated, world=self.world)
         self._sizes = [part.size for part in self._recorder.rows]
         self._reader = RingReader(started.ring, sum(self._sizes) + EXTRAS)
         self.rows: deque[Array] = deque(maxlen=round(_KEPT_S / PICTURE_S))

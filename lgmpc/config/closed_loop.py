@@ -20,11 +20,12 @@ from lgmpc.estimation import LeggedEstimator, MeasurementMonitor
 from lgmpc.lie import quaternion
 from lgmpc.locomotion.command import MotionCommand
 from lgmpc.locomotion.contacts import ContactState
-from lgmpc.robot import Robot, leg_clearances
+from lgmpc.robot import Robot, leg_joints
 from lgmpc.runs import Gate, Metrics, Outcome, Recorder, RunLog, Verdict, compute_metrics, judge
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.ground import ground_below, leg_length
 from lgmpc.runs.log import CONTACT_STATES, MODES
+from lgmpc.runs.metrics import LinkDistances
 from lgmpc.runs.modes import FALL_HEIGHT_FRACTION, FALL_TILT_DEG
 from lgmpc.simulation.disturbances import PushSchedule
 from lgmpc.simulation.loop import Hardware, Loop, Sensing, Tick, TrueState
@@ -39,17 +40,19 @@ from lgmpc.world import World
 _LOG = logging.getLogger(__name__)
 _REPORT_PERIOD = 0.05  # s of simulated time
 _MODE_CODES = {mode: MODES.index(mode.name.lower()) for mode in Mode}
-_CLEARANCE_PERIOD_S = 4e-3
+_DISTANCE_PERIOD_S = 0.02
 _LOW = (Mode.LIE, Mode.RISE, Mode.SIT, Mode.MANEUVER)
 _STATE_CODES = {state: CONTACT_STATES.index(state.name.lower()) for state in ContactState}
 
 
-def _clearances_of_legs(robot: Robot, log: RunLog) -> Array | None:
-    """Return the least distance between two legs every few milliseconds, m; ``None`` if no foot swung."""
-    if not log.stepped:
+def link_distances(robot: Robot, log: RunLog) -> LinkDistances | None:
+    """Return how near links of a robot are every 20 ms of a log; None if their geometry is not known."""
+    pairs, legs = robot.link_pairs, [leg_joints(robot, frame) for frame in robot.foot_ids]
+    if not pairs.names:
         return None
-    q = log.q[:: max(TimeGrid(log.control_period_s).nearest(_CLEARANCE_PERIOD_S), 1)]
-    return leg_clearances(robot, q[np.isfinite(q).all(axis=1)])
+    ticks = np.arange(0, log.finite_ticks, max(TimeGrid(log.control_period_s).nearest(_DISTANCE_PERIOD_S), 1))
+    q = log.q[ticks]
+    return LinkDistances(log.time[ticks], *pairs.distances(q), pairs.distances(q, pairs.between(legs))[0])
 
 
 def failed(error: BaseException, time: float) -> str:
@@ -60,14 +63,15 @@ def failed(error: BaseException, time: float) -> str:
 
 
 def judged(
-    log: RunLog, gate: Gate, robot: Robot, *, elapsed_s: float | None = None, interrupted: bool, failure: str
-) -> tuple[Metrics | None, Verdict]:
+    log: RunLog, gate: Gate, distances: LinkDistances | None, *, elapsed_s: float | None = None, interrupted: bool,
+    failure: str,
+) -> tuple[Metrics | None, Verdict]:  # fmt: skip
     """Return metrics and verdict of a run, whatever ended it; no metrics without a tick of finite state.
 
     Args:
         log: at the full control rate.
         gate: the criteria of success.
-        robot: the controller's model.
+        distances: of the robot's links.
         elapsed_s: duration of the run on the clock, s.
         interrupted: whether it was stopped by the user.
         failure: what else ended it early, in words; empty if nothing did.
@@ -75,8 +79,7 @@ def judged(
     if log.finite_ticks == 0:
         outcome = Outcome.INTERRUPTED if interrupted else Outcome.FAIL
         return None, Verdict(outcome, (failure or "stopped before the first tick",))
-    clearances = _clearances_of_legs(robot, log)
-    metrics = compute_metrics(log, steady_from_s=gate.steady_from_s, elapsed_s=elapsed_s, leg_clearances=clearances)
+    metrics = compute_metrics(log, steady_from_s=gate.steady_from_s, elapsed_s=elapsed_s, distances=distances)
     verdict = judge(metrics, gate, interrupted=interrupted)
     return metrics, Verdict(Outcome.FAIL, (failure, *verdict.reasons)) if failure else verdict
 
@@ -161,11 +164,12 @@ class ClosedLoopSession:
     def result(self, *, interrupted: bool, failure: str = "") -> SessionResult:
         """Judge what was recorded until now; arguments as of :func:`judged`."""
         log = self.recorder.log()
+        distances = link_distances(self.robot, log)
         metrics, verdict = judged(
-            log, self.gate, self.robot, elapsed_s=self._elapsed, interrupted=interrupted, failure=failure
+            log, self.gate, distances, elapsed_s=self._elapsed, interrupted=interrupted, failure=failure
         )
         # Without the first tick after a change, whose logged forces acted in a step of the session before.
-        certificate = self._certificate(log.since(self._begun + 1) if self._begun else log)
+        certificate = self._certificate(log.since(self._begun + 1) if self._begun else log, distances)
         return SessionResult(log.decimated(self.log_every), metrics, verdict, interrupted, certificate)
 
     def advance(self, progress: ProgressReport, until: int | None = None) -> bool:
@@ -222,7 +226,7 @@ class ClosedLoopSession:
             world=self.world,
         )
 
-    def _certificate(self, log: RunLog) -> Certificate | None:
+    def _certificate(self, log: RunLog, distances: LinkDistances | None) -> Certificate | None:
         finite = log.until(log.finite_ticks)
         if finite.ticks < 2:
             return None
@@ -233,7 +237,7 @@ class ClosedLoopSession:
             balances = Balances(edges, *momentum_and_energy(robot, self.simulated, finite.q[edges], finite.v[edges]))
         soft = self.world.soft
         stiffness = math.inf if soft is None else soft.stiffness_n_m
-        return certify(finite, joint_limits(robot, self.simulated.actuators), balances, stiffness)
+        return certify(finite, joint_limits(robot, self.simulated.actuators), balances, stiffness, distances)
 
 
 class RunObserver:

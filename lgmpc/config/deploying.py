@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from lgmpc.config.build import build_controller, build_drives, build_estimator, build_mpc, build_recorder, build_sensors
-from lgmpc.config.closed_loop import RunObserver, judged
+from lgmpc.config.closed_loop import RunObserver, judged, link_distances
 from lgmpc.config.execution import FinishedRun, run_session
 from lgmpc.config.robots import build_robot
 from lgmpc.config.schema import Config, GroundTruth
@@ -268,7 +268,7 @@ class DeploymentSession:
         metrics, verdict = judged(
             replace(log, tau=np.clip(log.tau_command, -log.effort_limit_over_time, log.effort_limit_over_time)),
             gate.model_copy(update=dict.fromkeys(not_measured(gate))),
-            robot,
+            link_distances(robot, log),
             interrupted=interrupted,
             failure=failure,
         )

@@ -169,7 +169,7 @@ class FootholdPlanner:
             (self.reach_share * float(length), float(drop)) for length, drop in zip(legs.length, drops, strict=True)
         ]
         self.spacing = s.spacing_share * float(legs.length.min())
-        self._beside = legs.sole[1] + _GAP if legs.sole[1] > 0.0 else 0.0
+        self._beside = legs.beside + _GAP if legs.beside > 0.0 else 0.0
         self.normals = [(float(x), float(y)) for x, y, _ in legs.normals]
         self._towards = [_oblique(*pair) for pair in zip(self.normals, self._walking, strict=True)]
         self._stance = math.nan  # s, to which the next three belong: a stance has the same duration for many ticks

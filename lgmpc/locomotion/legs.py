@@ -33,6 +33,7 @@ class LegGeometry:
         base: (3,) origin of the base, m.
         radius: radius of the spherical feet, m.
         sole: length and width of the largest sole along the axes of the base, m; 0 of point feet.
+        beside: distance to the side between two soles at which legs touch below their knees, m; 0 of point feet.
         normals: (nf, 3) unit vectors along which legs cannot move their feet (see :func:`~lgmpc.robot.leg_normals`).
     """
 
@@ -44,6 +45,7 @@ class LegGeometry:
     radius: float
     normals: Array
     sole: tuple[float, float] = (0.0, 0.0)
+    beside: float = 0.0
 
     @cached_property
     def height(self) -> float:
@@ -100,7 +102,18 @@ class LegGeometry:
             robot.foot_points.radius,
             leg_normals(robot),
             robot.foot_points.size,
+            0.0 if robot.foot_points.single else _side_by_side(robot, np.array(feet) @ turn),
         )
+
+
+def _side_by_side(robot: Robot, feet: Array) -> float:
+    """Return the distance to the side between soles, at (nf, 3) in the reference posture, at which legs touch, m."""
+    width, legs = robot.foot_points.size[1], [leg_joints(robot, frame) for frame in robot.foot_ids]
+    if robot.nf != 2:
+        return width
+    below_knees = robot.link_pairs.between([joints[len(joints) // 2 :] for joints in legs])
+    least = robot.link_pairs.distances(robot.q_reference[None], below_knees)[0]
+    return max(width, abs(float(feet[0, 1] - feet[1, 1])) - float(least[0]))
 
 
 def leg_inertias(robot: Robot) -> Array:

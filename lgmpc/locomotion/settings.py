@@ -27,9 +27,7 @@ class LocomotionSettings(Settings):
     clock: GaitClockSettings = key(GaitClockSettings(), "Gait transitions.")
     footholds: FootholdSettings = key(FootholdSettings(), "Footholds.")
     swing: SwingSettings = key(SwingSettings(), "Swing trajectories of the feet.")
-    contacts: ContactEventSettings = key(
-        ContactEventSettings(), "Conditions under which a measured contact overrides the schedule."
-    )
+    contacts: ContactEventSettings = key(ContactEventSettings(), "When a measured contact overrides the schedule.")
     terrain: TerrainBeliefSettings = key(TerrainBeliefSettings(), "Conclusions about the ground from footholds.")
     reference: ReferenceSettings = key(ReferenceSettings(), "Integration of commands.")
     reaction: StepReactionSettings = key(StepReactionSettings(), "Steps of a standing robot against pushes.")

@@ -28,7 +28,7 @@ from lgmpc.lie import attitude, so3
 from lgmpc.ocp import ShootingProblem, Trajectory
 from lgmpc.problems.motion import com_positions, joint_limit_violation, refly, spins, trunk_clearance, trunk_spins
 from lgmpc.problems.scenario import ProblemSettings, Scenario, Waypoint
-from lgmpc.robot import Robot, leg_clearances
+from lgmpc.robot import Robot
 from lgmpc.robot.actuators import match_joints
 from lgmpc.settings import Count, Finite, Interval, NonNegative, Positive, Settings, Vector3, key
 from lgmpc.timegrid import TimeGrid, minimum_jerk
@@ -148,9 +148,9 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
     Figures, of the plan: ``final_tilt_deg`` and ``final_rotation_deg``, of the base from upright and from the goal's
     attitude; ``planned_spin_nms``, largest angular momentum about the centre of mass at the nodes, which is an error of
     the integrator's order; ``joint_range_violation_rad`` and ``joint_speed_ratio``; ``trunk_clearance_m`` (see
-    :func:`lgmpc.problems.motion.trunk_clearance`) and ``leg_clearance_m`` (see
-    :func:`lgmpc.robot.leg_clearances`), the smallest; ``flight_height_m``, from the lowest to the highest position of
-    the centre of mass. Of the independent simulation (see :func:`lgmpc.problems.motion.refly`):
+    :func:`lgmpc.problems.motion.trunk_clearance`) and ``leg_clearance_m``, between two links (see
+    :class:`lgmpc.robot.collision.LinkPairs`), the smallest; ``flight_height_m``, from the lowest to the highest
+    position of the centre of mass. Of the independent simulation (see :func:`lgmpc.problems.motion.refly`):
     ``reflown_tilt_deg``, ``reflown_rotation_deg``; ``reflown_spin_nms``, the change of the angular momentum; for
     comparison the plan's largest ``trunk_spin_nms``; ``path_error_rad``, of the joints; and ``landing_rate_rad_s``, of
     the base's rotation at the end.
@@ -204,7 +204,7 @@ def build_righting(robot: Robot, settings: RightingSettings) -> Scenario:
             "joint_range_violation_rad": joint_limit_violation(robot, xs),
             "joint_speed_ratio": float((rates / robot.velocity_limit).max()),
             "trunk_clearance_m": trunk_clearance(robot, xs, np.array(s.trunk_half_size_m)),
-            "leg_clearance_m": float(leg_clearances(robot, xs[:, : robot.nq]).min()),
+            "leg_clearance_m": float(robot.link_pairs.distances(xs[:, : robot.nq])[0].min()),
             "flight_height_m": float(np.ptp(com_positions(robot, xs)[:, 2])),
             "reflown_tilt_deg": math.degrees(attitude.tilt(attitudes[1])),
             "reflown_rotation_deg": math.degrees(attitude.angle_between(attitudes[1], goal)),

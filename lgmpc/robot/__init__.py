@@ -11,7 +11,6 @@ from lgmpc.robot.collision import (
 )
 from lgmpc.robot.legs import (
     leg_chain as leg_chain,
-    leg_clearances as leg_clearances,
     leg_joints as leg_joints,
     leg_normals as leg_normals,
     upper_body_joints as upper_body_joints,

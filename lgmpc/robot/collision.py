@@ -1,7 +1,10 @@
 """Collision shapes of a robot, besides its feet: spheres, boxes and capsules fixed to its links."""
 
 import fnmatch
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal, Union
 
@@ -11,8 +14,10 @@ import pinocchio as pin
 from pydantic import Field
 
 from lgmpc.errors import InputError, nearest
+from lgmpc.robot.feet import UP
 from lgmpc.robot.names import frame_index
 from lgmpc.settings import Positive, Settings, Vector3, key
+from lgmpc.typing import Array, BoolArray
 
 Size = Annotated[Positive, Field(ge=1e-4, le=100.0)]
 """m."""
@@ -129,15 +134,104 @@ def place_shape(model: pin.Model, shape: Sphere | Box | Capsule) -> CollisionSha
 _MESHES = coal.CachedMeshLoader(coal.NODE_TYPE.BV_OBBRSS)  # reads a file again only after it was changed
 
 
-def read_collision_geometry(model: pin.Model, source: ModelSource) -> pin.GeometryModel:
-    """Return the collision geometry of a URDF; its meshes are read once a process.
+def read_geometry(
+    model: pin.Model, source: ModelSource, kind: pin.GeometryType = pin.GeometryType.COLLISION
+) -> pin.GeometryModel:
+    """Return the geometry of a URDF without that of links that ``model`` lacks; meshes are read once a process.
 
     Raises:
-        ValueError: a mesh cannot be read, or the geometry does not fit ``model``.
+        ValueError: a mesh cannot be read.
     """
-    folders = [str(folder) for folder in source.package_dirs]
-    kind, meshes = pin.GeometryType.COLLISION, _MESHES
-    return pin.buildGeomFromUrdf(model, str(source.urdf), kind, package_dirs=folders, mesh_loader=meshes)
+    folders, urdf = [str(folder) for folder in source.package_dirs], str(source.urdf)
+
+    def read(parent: pin.Model) -> pin.GeometryModel:
+        return pin.buildGeomFromUrdf(parent, urdf, kind, package_dirs=folders, mesh_loader=_MESHES)
+
+    try:
+        return read(model)
+    except ValueError:
+        whole, found = pin.buildModelFromUrdf(urdf, pin.JointModelFreeFlyer()), pin.GeometryModel()
+    for part in read(whole).geometryObjects:
+        link = whole.frames[part.parentFrame]
+        if model.existFrame(link.name):
+            part.parentFrame = model.getFrameId(link.name)
+            here = model.frames[part.parentFrame]
+            part.placement = here.placement * link.placement.inverse() * part.placement
+            part.parentJoint = here.parentJoint
+            found.addGeometryObject(part)
+    return found
+
+
+class LinkPairs:
+    """The pairs of links that can touch: convex hulls of the parts of the URDF's collision geometry.
+
+    Two parts of one link, or of two that share a joint, are no pair; nor are those that overlap in a given posture.
+
+    Args:
+        model: the robot's model.
+        geometry: its collision geometry.
+        q: (nq,) the posture.
+
+    Attributes:
+        names: of the two links of each pair.
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel, q: Array) -> None:
+        parts = list(geometry.geometryObjects)
+        for part in parts:
+            if isinstance(part.geometry, coal.BVHModelBase):
+                part.geometry.buildConvexHull(True, "Qt")
+                part.geometry = part.geometry.convex
+            part.geometry.computeLocalAABB()
+        self._centres = [np.array(part.geometry.aabb_center) for part in parts]
+        radii = np.array([part.geometry.aabb_radius for part in parts])
+        self._joints = joints = np.array([part.parentJoint for part in parts], dtype=int)
+        links = [model.frames[part.parentFrame].name for part in parts]
+        near = {pair for i, parent in enumerate(model.parents) for pair in ((i, i), (i, parent), (parent, i))}
+        pairs = [(a, b) for a, b in combinations(range(len(parts)), 2) if (joints[a], joints[b]) not in near]
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(*pair))
+        self.names = tuple(f"{links[a]} and {links[b]}" for a, b in pairs)
+        self._model, self._geometry = model, geometry
+        self._data, self._found = model.createData(), geometry.createData()
+        self._first, self._second = np.array(pairs, dtype=int).reshape(-1, 2).T
+        self._reach = radii[self._first] + radii[self._second]
+        bounds = self._place(q)
+        touching = [pair for pair in np.flatnonzero(bounds <= 0.0).tolist() if self._distance(pair) <= 0.0]
+        self._reach[touching] = -math.inf
+
+    def distances(self, q: Array, pairs: BoolArray | bool = True) -> tuple[Array, list[str]]:
+        """Return the least distances (n,) of (some) pairs in configurations (n, nq), m, and of which links they are.
+
+        Where links overlap, it is the negative depth.
+        """
+        least, names = np.full(len(q), math.inf), [""] * len(q)
+        for k, configuration in enumerate(q):
+            bounds = np.where(pairs, self._place(configuration), math.inf)
+            for pair in np.argsort(bounds).tolist():
+                if bounds[pair] >= least[k]:
+                    break
+                distance = self._distance(pair)
+                if distance < least[k]:
+                    least[k], names[k] = distance, self.names[pair]
+        return least, names
+
+    def between(self, groups: Sequence[Sequence[int]]) -> BoolArray:
+        """Return which pairs are of links that joints of two different groups move."""
+        group = np.full(int(self._joints.max(initial=0)) + 1, -1)
+        for i, joints in enumerate(groups):
+            group[[joint for joint in joints if joint < len(group)]] = i
+        first, second = group[self._joints[self._first]], group[self._joints[self._second]]
+        return (first != second) & (first >= 0) & (second >= 0)
+
+    def _place(self, q: Array) -> Array:
+        """Place the links, and return lower bounds on the distances of the pairs, m: those of spheres around them."""
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._found, q)
+        centres = np.array([at.act(centre) for at, centre in zip(self._found.oMg, self._centres, strict=True)] or [UP])
+        return np.linalg.norm(centres[self._first] - centres[self._second], axis=1) - self._reach
+
+    def _distance(self, pair: int) -> float:
+        return float(pin.computeDistance(self._geometry, self._found, pair).min_distance)
 
 
 def shape_of(part: pin.GeometryObject) -> CollisionShape:

@@ -14,11 +14,12 @@ from lgmpc.robot.collision import (
     Box,
     Capsule,
     CollisionShape,
+    LinkPairs,
     ModelSource,
     Sphere,
     is_moving_link,
     placement_of,
-    read_collision_geometry,
+    read_geometry,
     shape_of,
 )
 from lgmpc.robot.feet import UP
@@ -131,11 +132,21 @@ class Robot:
             ]
         return tuple(found)
 
+    @cached_property
+    def link_pairs(self) -> LinkPairs:
+        """The pairs of links that can touch; none if the URDF's collision geometry cannot be read."""
+        try:
+            with native_stderr():
+                geometry = read_geometry(self.model, self.source)
+        except ValueError:
+            geometry = pin.GeometryModel()
+        return LinkPairs(self.model, geometry, self.q_reference)
+
     def _urdf_shapes(self) -> Iterator[CollisionShape]:
         feet = {int(self.model.frames[index].parentJoint) for index in self.contact_ids}
         try:
             with native_stderr():  # the parser's messages are notes of the robot
-                geometry = read_collision_geometry(self.model, self.source)
+                geometry = read_geometry(self.model, self.source)
         except ValueError as error:
             reason = f"its collision geometry cannot be read ({' '.join(str(error).split())}): give collision_shapes"
             raise ModelError(self.name, [reason]) from error

@@ -17,7 +17,7 @@ from pydantic import Discriminator, Field, Tag
 
 from lgmpc.errors import InputError
 from lgmpc.lie import attitude
-from lgmpc.robot.collision import ModelSource, read_collision_geometry
+from lgmpc.robot.collision import ModelSource, read_geometry
 from lgmpc.robot.feet import lever
 from lgmpc.robot.native_stderr import native_stderr
 from lgmpc.settings import Finite, Settings, Vector3, key
@@ -302,21 +302,15 @@ def _apart(first: Array, second: Array) -> bool:
 def _clouds(model: pin.Model, files: ModelSource, joints: set[int]) -> dict[int, Array]:
     """Return points on the surface of the collision geometry of bodies, in the axes of their joints, m."""
     try:
-        with native_stderr():  # the model may lack joints of the file, but not its links
-            urdf = pin.buildModelFromUrdf(str(files.urdf))
-            whole = read_collision_geometry(urdf, files)
+        with native_stderr():
+            geometry = read_geometry(model, files)
     except (ValueError, RuntimeError):
         return {}
     found: dict[int, list[Array]] = {}
-    for part in whole.geometryObjects:
-        link = urdf.frames[part.parentFrame]
-        if not model.existFrame(link.name):
-            continue
-        frame = model.frames[model.getFrameId(link.name)]
-        if int(frame.parentJoint) in joints:
-            placement = frame.placement * link.placement.inverse() * part.placement
-            points = _surface(part.geometry) @ placement.rotation.T + placement.translation
-            found.setdefault(int(frame.parentJoint), []).append(points)
+    for part in geometry.geometryObjects:
+        if int(part.parentJoint) in joints:
+            points = _surface(part.geometry) @ part.placement.rotation.T + part.placement.translation
+            found.setdefault(int(part.parentJoint), []).append(points)
     return {joint: np.vstack(parts) for joint, parts in found.items()}
 
 

@@ -49,9 +49,7 @@ class RobotSpec(Settings):
         "SRDF file with reference configurations and rotor parameters, relative to the config file. null: "
         "that of the named model.",
     )
-    package_dirs: tuple[Path, ...] = key(
-        (), "Folders in which package:// paths of the URDF are resolved, relative to the config file."
-    )
+    package_dirs: tuple[Path, ...] = key((), "Folders of the URDF's packages, relative to the config file.")
     floating_base: bool | None = Field(
         default=None,
         strict=True,

@@ -9,6 +9,7 @@ import numpy as np
 
 from lgmpc.runs.limited import Limited, Nearest, UnloggedLimits, hardware_quantities, highest, joint_power
 from lgmpc.runs.log import CONTACT_FORCE_N, MODES, RunLog
+from lgmpc.runs.metrics import LinkDistances
 from lgmpc.runs.modes import LOW_MODES, fallen_ticks
 from lgmpc.typing import Array, IntArray
 
@@ -18,7 +19,7 @@ _FORCE_SHARE, _ENERGY_SHARE = 0.02, 0.01
 """Allowed residuals: share of the weight, and of the weight times the largest height of the base. The integration error
 is 0.2 % of the weight in a trot and 1.2 % in fast recovery steps with a step of 1 ms, half of that with 0.5 ms."""
 _SUNK_M = 0.005
-"""Allowed penetration of hard ground by a foot, m."""
+"""Allowed penetration of hard ground by a foot, or of two links of the robot, m."""
 _LYING = (*LOW_MODES, "damp")
 """Modes in which the body may lie on the ground; the contact force on the body is not measured."""
 
@@ -72,16 +73,17 @@ def window_edges(log: RunLog) -> IntArray:
 
 
 def certify(
-    log: RunLog, joints: UnloggedLimits, balances: Balances | None = None, stiffness: float = math.inf
-) -> Certificate:
+    log: RunLog, joints: UnloggedLimits, balances: Balances | None = None, stiffness: float = math.inf,
+    distances: LinkDistances | None = None,
+) -> Certificate:  # fmt: skip
     """Check a run, up to its first fall.
 
-    Normal forces are positive, contact forces in their friction cones, penetrations of the ground small; joints stay
-    within their limits of torque, speed and position; with a torque-speed line, torques are on or below it and powers
-    below the largest that it allows; the change of momentum is the impulse of all forces, and that of energy at most
-    their work. Forces on other parts of the body than the feet are not measured: a knee that strikes the ground changes
-    the momentum without an impulse. Power is the mechanical output of the drives: a config has no data on currents and
-    losses.
+    Normal forces are positive, contact forces in their friction cones, penetrations of the ground and overlaps of links
+    small; joints stay within their limits of torque, speed and position; with a torque-speed line, torques are on or
+    below it and powers below the largest that it allows; the change of momentum is the impulse of all forces, and that
+    of energy at most their work. Forces on other parts of the body than the feet are not measured: a knee that strikes
+    the ground changes the momentum without an impulse. Power is the mechanical output of the drives: a config has no
+    data on currents and losses.
 
     Args:
         log: log at the full control rate; finite throughout.
@@ -89,6 +91,7 @@ def certify(
         balances: momentum and energy; without them these are not checked. They require a log of every force: one plant
             step per tick.
         stiffness: of soft ground, N/m, in which feet sink by their force over it.
+        distances: of links; while the robot lies its legs may be folded against each other.
     """
     if log.floating_base:
         fallen = fallen_ticks(log)
@@ -96,7 +99,8 @@ def certify(
             log = log.until(int(np.argmax(fallen)))
     if log.ticks < 2:
         return Certificate(())
-    checks = (quantity.smallest(time) for quantity, time in _quantities(log, joints, balances, stiffness))
+    checks = [quantity.smallest(time) for quantity, time in _quantities(log, joints, balances, stiffness)]
+    checks += [] if distances is None else [_overlap(log, distances)]
     return Certificate(tuple(each for each in checks if each is not None))
 
 
@@ -122,6 +126,15 @@ def _quantities(
         yield highest("torque at its speed", "N.m", names, torque, joints.line.torque(driving)), log.time
     if balances is not None:
         yield from _balanced(log, balances)
+
+
+def _overlap(log: RunLog, distances: LinkDistances) -> Nearest | None:
+    """Return the largest overlap of two links."""
+    at = np.minimum(np.searchsorted(log.time, distances.time), log.ticks - 1)
+    used = (log.time[at] == distances.time) & ~np.isin(log.mode[at], [MODES.index(mode) for mode in _LYING])
+    depths = np.where(used, np.maximum(-1e3 * distances.least, 0.0), 0.0)
+    subject = distances.links[int(np.argmax(depths))] if depths.any() else ""
+    return highest("self-penetration", "mm", (subject,), depths[:, None], 1e3 * _SUNK_M).smallest(distances.time)
 
 
 def _balanced(log: RunLog, balances: Balances) -> Iterator[tuple[Limited, Array]]:

@@ -78,6 +78,7 @@ class Gate(Settings):
     min_steps: Count = _limit("min_steps")
     max_lost_contacts: Count = _limit("max_lost_contacts")
     max_leg_collisions: Count = _limit("max_leg_collisions")
+    max_self_penetration_m: Bound = _limit("max_self_penetration_m")
     max_walking_tilt_deg: Bound = _limit("max_walking_tilt_deg")
     max_scuff_m: Bound = _limit("max_scuff_m")
     max_peak_impact_n: Bound = _limit("max_peak_impact_n")

@@ -4,6 +4,7 @@ They are computed from the part of the log before the first value that is not fi
 length of that part.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import get_args, get_type_hints
 
@@ -37,9 +38,7 @@ class EstimatorErrors:
     rms_velocity_m_s: float = metric("RMS norm of the error of the base's linear velocity, base axes, m/s.")
     max_velocity_m_s: float = metric("Largest norm of this error, m/s.")
     wrong_contact_fraction: float = metric("Fraction of feet and ticks whose contact was classified wrongly.")
-    rejected_measurements: int = metric(
-        "Number of rejected measurements; of feet in contact that slid, or had just touched down."
-    )
+    rejected_measurements: int = metric("Rejected measurements; of feet that slid or had just touched down.")
 
 
 @described
@@ -117,6 +116,23 @@ class Timing:
     max: float
 
 
+@dataclass(frozen=True)
+class LinkDistances:
+    """Distances between links of the robot.
+
+    Attributes:
+        time: (k,) times, s.
+        least: (k,) the least, m; negative depths of links that overlap.
+        links: (k,) of which links they are.
+        legs: (k,) least distance of links of two legs, m.
+    """
+
+    time: Array
+    least: Array
+    links: Sequence[str]
+    legs: Array
+
+
 @described
 @dataclass(frozen=True)
 class Metrics:
@@ -127,41 +143,20 @@ class Metrics:
         "finite; the whole duration if it did not. A robot that lies, rises or lies down has not fallen."
     )
     fell: bool = metric("Whether it fell.")
-    max_tilt_deg: Number = metric(
-        "Largest tilt of the base, degrees; the angle between its upright axis, which is vertical in the reference "
-        "posture, and the normal of the ground, so that yaw does not count."
-    )
-    max_displacement_m: Number = metric(
-        "Largest distance of the base from its initial or, with commands, its commanded position, m."
-    )
+    max_tilt_deg: Number = metric("Largest tilt of the base, degrees; from the ground's normal, yaw does not count.")
+    max_displacement_m: Number = metric("Largest distance of the base from its initial or commanded position, m.")
     min_base_height_m: Number = metric("Lowest height of the base, m; above the ground, along its normal.")
-    final_position_error_m: Number = metric(
-        "Distance of the base from its initial or, with commands, its commanded position at the end, m."
-    )
+    final_position_error_m: Number = metric("Distance of the base from its first or commanded position at the end, m.")
     final_tilt_deg: Number = metric("Tilt of the base at the end, degrees.")
-    final_rotation_deg: Number = metric(
-        "Rotation of the base from its initial or, with commands, its commanded attitude at the end, yaw "
-        "included, degrees."
-    )
-    max_slip_m: Number = metric(
-        "Largest slip of a foot in contact, m; the distance along the ground of a contact point from its position at "
-        "the start of the stance, including the rolling of spherical feet."
-    )
-    max_foot_displacement_m: Number = metric(
-        "Largest distance of a foot from its initial position, m; along the ground, steps included."
-    )
+    final_rotation_deg: Number = metric("Rotation of the base from its first or commanded attitude at last, degrees.")
+    max_slip_m: Number = metric("Largest slip of a foot in contact, m; from the start of its stance, rolling included.")
+    max_foot_displacement_m: Number = metric("Largest distance of a foot from its initial position, m; steps included.")
     max_abs_torque_nm: Number = metric("Largest torque at any joint, N.m.")
     torque_saturation_fraction: Number = metric("Fraction of ticks with a joint at its torque limit, 0 to 1.")
-    min_friction_margin_n: float | None = metric(
-        "Smallest distance of a measured force from the friction cone's surface, N; mu f_n - |f_t| of closed contacts."
-    )
+    min_friction_margin_n: float | None = metric("Smallest distance of a measured force from its friction cone, N.")
     rms_joint_velocity_rad_s: float | None = metric("RMS of the joint speeds from steady_from_s on, rad/s.")
-    com_rms_error_m: float | None = metric(
-        "RMS distance of the centre of mass from its target from steady_from_s on, m."
-    )
-    max_com_error_m: float | None = metric(
-        "Largest distance of the centre of mass from its target from steady_from_s on, m."
-    )
+    com_rms_error_m: float | None = metric("RMS distance of the CoM from its target from steady_from_s on, m.")
+    max_com_error_m: float | None = metric("Largest distance of the CoM from its target from steady_from_s on, m.")
     solver_failures: int = metric("MPC updates and whole-body ticks whose solver failed.")
     deadline_misses: int = metric("Ticks that took longer than their period, estimation and planning in them included.")
     mpc_ms: Timing | None = metric("Duration of an MPC update, ms; contacts ahead and sampling of the plan included.")
@@ -169,28 +164,21 @@ class Metrics:
     real_time_factor: float | None = metric("Simulated over elapsed time.")
     estimator_ms: Timing | None = metric("Duration of the estimator's tick, ms.", None)
     estimator: EstimatorErrors | None = metric("Errors of the controller's estimate.", None)
-    min_base_height_fraction: float | None = metric(
-        "Lowest height of the base as a fraction of its initial height, 0 to 1; 1 for a fixed base.", None
-    )
+    min_base_height_fraction: float | None = metric("Lowest height of the base relative to its initial one.", None)
     walking: WalkingMetrics | None = metric("Metrics of commanded motion.", None)
     falls: int = metric("Falls; one ends when the robot folds its legs again.", 0)
     modes: ModeMetrics | None = metric("Metrics of falls, lying, rising and manoeuvres.", None)
     joint_friction_nm: float | None = metric("Estimated friction of the joints at the end, mean of all, N.m.", None)
-    leg_collisions: int | None = metric(
-        "Number of times that two legs touch; capsules of the feet's radius along their links.", None
-    )
+    leg_collisions: int | None = metric("Number of times that two legs touch; convex hulls of their links.", None)
+    max_self_penetration_m: float | None = metric("Largest depth to which links overlap, m; of convex hulls.", None)
     forecast_ms: Timing | None = metric("Duration of a tick's forecasts of steps against a push, ms.", None)
     sensor_faults: SensorFaults | None = metric("Replaced readings of sensors.", None)
-    max_hand_error_m: float | None = metric(
-        "Largest distance of a hand from its target from steady_from_s on, m.", None
-    )
-    max_hand_rotation_deg: float | None = metric(
-        "Largest rotation of a hand from its target from steady_from_s on, degrees.", None
-    )
+    max_hand_error_m: float | None = metric("Largest error of a hand's position from steady_from_s on, m.", None)
+    max_hand_rotation_deg: float | None = metric("Largest rotation of a hand from its target, degrees.", None)
 
 
 def compute_metrics(
-    log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None, leg_clearances: Array | None = None
+    log: RunLog, *, steady_from_s: float = 0.0, elapsed_s: float | None = None, distances: LinkDistances | None = None
 ) -> Metrics:
     """Return the metrics of a run.
 
@@ -198,7 +186,7 @@ def compute_metrics(
         log: the log, at the full control rate for complete counts and extremes.
         steady_from_s: time from which tracking errors and joint velocities are evaluated, s.
         elapsed_s: wall-clock time of the run, s; without it there is no real-time factor.
-        leg_clearances: (k,) least distance between two legs at k times, m.
+        distances: of links.
 
     Raises:
         InputError: if the log has no tick with a finite state.
@@ -254,7 +242,8 @@ def compute_metrics(
         walking=walking,
         falls=max(len(falls(log, fallen)), int(fell)),
         modes=mode_metrics(log, fallen),
-        leg_collisions=None if leg_clearances is None else _count_collisions(leg_clearances),
+        leg_collisions=None if distances is None else _count_collisions(distances.legs),
+        max_self_penetration_m=None if distances is None else -float(distances.least.min(initial=0.0)),
         forecast_ms=None if whole.forecast_ms is None else timing(whole.forecast_ms[whole.forecast_ms > 0.0]),
         sensor_faults=SensorFaults.of(whole),
         max_hand_error_m=None if hands is None else hands[0],

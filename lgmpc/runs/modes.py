@@ -31,23 +31,13 @@ class ModeMetrics:
     damped_rms_torque_nm: float | None = metric("RMS torque of all joints while they are damped, N.m.")
     rises: int = metric("Number of transitions from lying to standing.")
     descents: int = metric("Number of transitions from standing to lying.")
-    torque_step_nm: float | None = metric(
-        "Change of a joint's torque between two ticks while the robot lies, rises or lies down, N.m; the largest."
-    )
+    torque_step_nm: float | None = metric("Largest step of a torque while the robot lies, rises or lies down, N.m.")
     maneuvers: int = metric("Number of manoeuvres performed to their end.", 0)
-    maneuver_rise_m: float | None = metric(
-        "Rise of the centre of mass in the last manoeuvre, m; from its beginning.", None
-    )
-    maneuver_distance_m: float | None = metric(
-        "Horizontal way of the centre of mass in the last manoeuvre, m; from beginning to end.", None
-    )
-    maneuver_turn_deg: float | None = metric(
-        "Turn of the heading to the left in the last manoeuvre, degrees; -180 to 180.", None
-    )
+    maneuver_rise_m: float | None = metric("Rise of the centre of mass in the last manoeuvre, m.", None)
+    maneuver_distance_m: float | None = metric("Horizontal way of the CoM in the last manoeuvre, m.", None)
+    maneuver_turn_deg: float | None = metric("Turn to the left in the last manoeuvre, degrees.", None)
     flight_s: float | None = metric("Time without contact in the last manoeuvre, s.", None)
-    landing_tilt_deg: float | None = metric(
-        "Largest tilt of the base after the flight of the last manoeuvre, degrees.", None
-    )
+    landing_tilt_deg: float | None = metric("Largest tilt after the last manoeuvre's flight, degrees.", None)
 
 
 def fallen_ticks(log: RunLog) -> BoolArray:

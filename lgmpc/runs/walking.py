@@ -41,49 +41,28 @@ class WalkingMetrics:
     Plateaus are intervals of constant commands, settled, see the module.
     """
 
-    velocity_rmse_m_s: float | None = metric(
-        "RMS error of the velocity averaged over a stride at constant commands, m/s; planar."
-    )
-    raw_velocity_rmse_m_s: float | None = metric(
-        "RMS error of the instantaneous velocity at constant commands, m/s; planar."
-    )
-    velocity_bias_m_s: float | None = metric(
-        "Mean velocity error at any constant command, m/s; the largest of all plateaus."
-    )
-    yaw_rate_rmse_rad_s: float | None = metric(
-        "RMS error of the yaw rate averaged over a stride at constant commands, rad/s."
-    )
+    velocity_rmse_m_s: float | None = metric("RMS error of the velocity, a stride's mean, at constant commands, m/s.")
+    raw_velocity_rmse_m_s: float | None = metric("RMS error of the instantaneous velocity at constant commands, m/s.")
+    velocity_bias_m_s: float | None = metric("Largest mean velocity error at a constant command, m/s.")
+    yaw_rate_rmse_rad_s: float | None = metric("RMS error of a stride's mean yaw rate at constant commands, rad/s.")
     height_rmse_m: float | None = metric("RMS error of the base's height at constant commands, m; above the ground.")
-    height_std_m: float | None = metric(
-        "Standard deviation of the base's height at any constant command, m; the largest of all plateaus."
-    )
+    height_std_m: float | None = metric("Largest standard deviation of the base's height at a constant command, m.")
     cost_of_transport: float | None = metric(
         "Cost of transport: integral of |torque x joint speed| over weight times distance; in the commanded direction, "
         "on plateaus with a planar velocity."
     )
     steps: int = metric("Number of swings of all feet.")
     lost_contacts: int = metric("Number of feet's contacts lost during a stance.")
-    walking_tilt_deg: float = metric(
-        "Largest tilt of the base while it walks, degrees; while the command is not zero or a foot swings."
-    )
+    walking_tilt_deg: float = metric("Largest tilt of the base while it is to move or a foot swings, degrees.")
     max_scuff_m: Number = metric("Largest distance that a foot slides over the floor in a swing, m.")
-    peak_impact_n: float | None = metric(
-        "Largest normal force of a foot just after its touchdown, N; within 20 ms from the end of a swing."
-    )
-    odometry_drift_percent: float | None = metric(
-        "Error of the estimated base position at the end over the distance travelled, %; None without an estimator."
-    )
+    peak_impact_n: float | None = metric("Largest normal force of a foot within 20 ms from its touchdown, N.")
+    odometry_drift_percent: float | None = metric("Final error of the estimated base position over the way, %.")
     recovery_time_s: float | None = metric(
         "Time from a push's end until the velocity is back within 0.05 m/s of the command, s; averaged over a stride, "
         "until the next push or change of the command; the largest of all pushes."
     )
-    ends_standing: bool | None = metric(
-        "Whether the robot stands at the end; all feet in stance, slower than 2 cm/s. None if the last command is not "
-        "zero."
-    )
-    stop_strides: float | None = metric(
-        "Time from the end of the command's motion until the robot stands, in gait cycles; to the end of the run."
-    )
+    ends_standing: bool | None = metric("Whether the robot stands at the end; None if it is to move.")
+    stop_strides: float | None = metric("Time from the end of the command's motion until it stands, in gait cycles.")
     final_foot_error_m: float | None = metric(
         "Distance of a foot at the end from its initial position relative to the other feet, m; the largest, "
         "horizontal, from the median of all, in axes that turn with the base, of a robot that ends standing."

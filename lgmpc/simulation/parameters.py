@@ -39,9 +39,7 @@ class PlantSettings(Settings):
     friction: Friction = key(0.6, "Coulomb friction coefficient between robot and ground.")
     joint_friction_nm: Annotated[NonNegative, Field(le=1e4)] = key(0.0, "Coulomb friction of every joint, N.m.")
     joint_damping_nms: Annotated[NonNegative, Field(le=1e4)] = key(0.0, "Viscous friction of every joint, N.m.s/rad.")
-    mass_scale: Annotated[Positive, Field(ge=0.01, le=100.0)] = key(
-        1.0, "Factor on every mass and inertia of the simulated robot, from 0.01 to 100."
-    )
+    mass_scale: Annotated[Positive, Field(ge=0.01, le=100.0)] = key(1.0, "Factor on masses and inertias, 0.01 to 100.")
     base_added_mass_kg: Annotated[NonNegative, Field(le=1e4)] = key(
         0.0, "Payload at the base's centre of mass (not scaled) that the controllers' model lacks, kg."
     )
@@ -54,9 +52,7 @@ class PlantSettings(Settings):
         "Posture at the start: reference (that of the robot), lying (on its belly, the legs folded), or "
         "{joint name or pattern: rad or m} for joints that differ from the reference; the lowest point on the ground.",
     )
-    initial_height_m: Annotated[NonNegative, Field(le=100.0)] = key(
-        0.0, "Height of the robot's lowest point above the ground at the start, m: it falls."
-    )
+    initial_height_m: Annotated[NonNegative, Field(le=100.0)] = key(0.0, "Height from which it falls at the start, m.")
     initial_attitude_deg: Vector3 = key(
         (0.0, 0.0, 0.0),
         "Rotation of the robot about its base at the start, a rotation vector in base axes, degrees: [180, "

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from lgmpc.robot import Robot
+from lgmpc.robot.collision import read_geometry
 from lgmpc.typing import Array, IntArray
 from lgmpc.viz.mesh import Mesh, mesh_of, shade, triangles_of
 from lgmpc.viz.scene import Material, Scene
@@ -109,14 +110,8 @@ def load_body(robot: Robot) -> Body:
 
 
 def _visual_parts(robot: Robot) -> list[Part]:
-    source = robot.source
     try:
-        visuals = pin.buildGeomFromUrdf(
-            robot.model,
-            str(source.urdf),
-            pin.GeometryType.VISUAL,
-            package_dirs=[str(folder) for folder in source.package_dirs],
-        )
+        visuals = read_geometry(robot.model, robot.source, pin.GeometryType.VISUAL)
     except (ValueError, RuntimeError) as error:  # a missing mesh must not prevent the replay
         remedy = "give the folder that contains the package as robot.package_dirs"
         _LOG.warning("%s is drawn as a stick figure: %s: %s", robot.name, " ".join(str(error).split()), remedy)

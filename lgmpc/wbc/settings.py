@@ -68,9 +68,7 @@ class HandSettings(Settings):
     """
 
     frame: str = Field(min_length=1, description="Name of the frame (link) that is held; of the task, too.")
-    relative_to: Literal["world", "base"] = key(
-        "base", "base: it moves with the base as measured; world: it stays while the base moves."
-    )
+    relative_to: Literal["world", "base"] = key("base", "base: it moves with the base; world: it stays.")
     gain: Gain = key(Gain(kp=1600.0), "Feedback of position and rotation.")
     integral_gain: NonNegative = key(0.0, "Feedback of the integrals of the errors, against lasting pulls, 1/s3.")
     weight: NonNegative = key(100.0, "Weight of the linear acceleration.")
@@ -200,9 +198,7 @@ class WholeBodySettings(Settings):
     # Rounding of the residuals is about 1e-12; residuals of a tenth of a newton make the torques useless.
     tolerance: Annotated[float, Field(strict=True, ge=1e-12, le=0.1)] = key(1e-5, "Tolerance on the residuals.")
     max_iterations: Count = key(50, "Largest number of solver iterations per tick.")
-    fallback_damping_nms: NonNegative = key(
-        0.1, "Joint damping added to the last command if the solver fails, N.m.s/rad."
-    )
+    fallback_damping_nms: NonNegative = key(0.1, "Joint damping added if the solver fails, N.m.s/rad.")
 
     def scaled(self, robot: Robot) -> "WholeBodySettings":
         """Return the settings for this robot: the weights of momenta and forces and the normal forces by its mass."""

@@ -1,8 +1,7 @@
-"""Legs: their chains and planes, and the distances between them against coal's capsules."""
+"""Legs: their chains and planes; distances between links."""
 
 from __future__ import annotations
 
-from itertools import combinations
 from pathlib import Path
 
 import coal
@@ -10,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from lgmpc.robot import Robot, RobotSpec, leg_chain, leg_clearances, leg_normals, load_robot, upper_body_joints
+from lgmpc.robot import Robot, RobotSpec, leg_chain, leg_normals, load_robot, upper_body_joints
+from lgmpc.robot.collision import LinkPairs, read_geometry
 from tests.support.samples import b1_with_arm, solo8
 
 
@@ -26,35 +26,6 @@ def robot() -> Robot:
             velocity_limit_rad_s=30.0,
         )
     )
-
-
-def capsule(radius: float, one: np.ndarray, other: np.ndarray) -> tuple[coal.Capsule, coal.Transform3s]:
-    along = other - one
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along / np.linalg.norm(along)).matrix()
-    return coal.Capsule(radius, float(np.linalg.norm(along))), coal.Transform3s(turn, 0.5 * (one + other))
-
-
-@pytest.mark.parametrize("planar", [False, True], ids=["solo12", "solo8"])
-def test_distances_are_those_of_capsules(robot: Robot, planar: bool) -> None:
-    robot = solo8() if planar else robot
-    rng, data = np.random.default_rng(0), robot.create_data()
-    q = np.tile(robot.q_reference, (200, 1))
-    q[:, 7:] += rng.normal(size=(200, robot.nu))
-    expected = []
-    for each in q:
-        pin.framesForwardKinematics(robot.model, data, each)
-        legs = []
-        for frame in robot.contact_ids:
-            knee = robot.model.frames[frame].parentJoint
-            points = [data.oMi[knee - 1].translation, data.oMi[knee].translation, data.oMf[frame].translation]
-            legs.append([capsule(0.016, a, b) for a, b in zip(points, points[1:], strict=False)])
-        pairs = [(a, b) for one, other in combinations(legs, 2) for a in one for b in other]
-        expected.append(min(coal.distance(*a, *b, coal.DistanceRequest(True), coal.DistanceResult()) for a, b in pairs))
-    found = leg_clearances(robot, q)
-    assert (found < 0.0).any() and (found > 0.0).any()
-    apart = found > 1e-3  # of overlapping shapes coal gives the depth, which is another measure
-    np.testing.assert_allclose(found[apart], np.array(expected)[apart], atol=1e-6)
-    np.testing.assert_array_equal(found < 0.0, np.array(expected) < 0.0)
 
 
 def names(robot: Robot, joints: list[int]) -> list[str]:
@@ -95,3 +66,43 @@ def test_joints_of_an_arm_are_on_no_leg(robot: Robot) -> None:
     assert upper_body_joints(robot) == []
     both = b1_with_arm()
     assert names(both, upper_body_joints(both)) == [*(f"joint{i}" for i in range(1, 7)), "jointGripper"]
+
+
+def test_distances_of_links_are_those_of_their_spheres() -> None:
+    """Not of links that share a joint, nor of those that overlap in the reference posture."""
+    model, geometry, radii = pin.Model(), pin.GeometryModel(), (0.1, 0.1, 0.15, 0.2)
+    for i, radius in enumerate(radii):
+        joint = model.addJoint(i, pin.JointModelTranslation(), pin.SE3.Identity(), f"joint {i}")
+        frame = model.addFrame(pin.Frame(f"link {i}", joint, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+        part = pin.GeometryObject(f"part {i}", joint, frame, pin.SE3.Identity(), coal.Sphere(radius))
+        geometry.addGeometryObject(part)
+    reference = np.array([0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, -0.2, 0.2])  # link 3 is in link 1
+    pairs = LinkPairs(model, geometry, reference)
+    q = np.random.default_rng(0).normal(scale=0.3, size=(200, 12))
+    least, names = pairs.distances(q)
+    places = np.cumsum(q.reshape(-1, 4, 3), axis=1)
+    expected = {
+        f"link {a} and link {b}": np.linalg.norm(places[:, a] - places[:, b], axis=1) - radii[a] - radii[b]
+        for a, b in ((0, 2), (0, 3))
+    }
+    np.testing.assert_allclose(least, np.min(list(expected.values()), axis=0), atol=1e-9)
+    np.testing.assert_allclose(least, [expected[name][k] for k, name in enumerate(names)], atol=1e-9)
+    assert (least < 0.0).any() and (least > 0.0).any()
+    np.testing.assert_array_equal(pairs.between([[1, 2], [4]]), [name.endswith("and link 3") for name in pairs.names])
+
+
+def test_geometry_of_links_that_the_model_lacks_is_left_out() -> None:
+    """The URDF of Talos' legs is that of the whole robot: its trunk and arms are welded to the base in the model."""
+    legs = load_robot(RobotSpec(model="talos_legs", armature_kg_m2=0.1))
+    model, data = legs.model, legs.create_data()
+    geometry = read_geometry(model, legs.source)
+    links = [model.frames[part.parentFrame].name for part in geometry.geometryObjects]
+    sides = [f"leg_{side}_{i}_link" for side in ("left", "right") for i in range(1, 7)]
+    assert links == ["base_link", *sides]
+    assert [model.names[part.parentJoint] for part in geometry.geometryObjects[1:]] == [
+        side.replace("link", "joint") for side in sides
+    ]
+    found = geometry.createData()
+    pin.updateGeometryPlacements(model, data, geometry, found, legs.q_reference)
+    for part, placement in zip(geometry.geometryObjects, found.oMg, strict=True):
+        assert placement.isApprox(pin.updateFramePlacement(model, data, part.parentFrame))

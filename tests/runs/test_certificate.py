@@ -13,6 +13,8 @@ from lgmpc.runs import RunLog, RunResult
 from lgmpc.runs.certificate import Balances, Certificate, certify, window_edges
 from lgmpc.runs.gate import Outcome, Verdict
 from lgmpc.runs.limited import DriveLine, Nearest, UnloggedLimits, joint_power
+from lgmpc.runs.log import MODES
+from lgmpc.runs.metrics import LinkDistances
 
 JOINTS = UnloggedLimits(np.full(12, -2.0), np.full(12, 2.0), np.full(12, 30.0))
 LINE = JOINTS._replace(line=DriveLine(stall=2.0, no_load=20.0))
@@ -180,6 +182,25 @@ def test_what_follows_a_fall_does_not_count(certified: Certify) -> None:
 def test_balances_are_left_out_without_their_data(changed: Callable[[Edit], RunLog]) -> None:
     certificate = certify(changed(lambda arrays: None), JOINTS)
     assert len(certificate.checks) == 6 and certificate.certified
+
+
+def test_links_overlap_by_5_mm_at_most_but_for_folded_legs(changed: Callable[[Edit], RunLog]) -> None:
+    log = changed(lambda arrays: None)
+
+    def certified(*least: float) -> Certificate:
+        return certify(
+            log,
+            JOINTS,
+            distances=LinkDistances(log.time[[200, 400, 600]], np.array(least), ["ab", "bc", "cd"], np.ones(3)),
+        )
+
+    assert certified(0.1, -0.004, 0.1).certified
+    check = broken(certified(0.1, -0.006, -0.005))
+    assert (check.name, check.subject, check.time_s) == ("self-penetration", "bc", pytest.approx(0.4))
+    log = replace(log, mode=np.where(np.abs(log.time - 0.4) < 0.05, MODES.index("lie"), log.mode))
+    assert certified(0.1, -0.006, -0.005).certified
+    log = replace(log, q=np.where((log.time > 0.3)[:, None] & (np.arange(log.q.shape[1]) == 2), 0.05, log.q))
+    assert certified(0.1, -0.006, -0.006).certified, "after a fall"
 
 
 def test_what_is_not_a_number_is_not_kept_and_comes_back_from_json(certified: Certify) -> None:

@@ -9,7 +9,7 @@ import pytest
 from lgmpc.errors import InputError
 from lgmpc.runs import compute_metrics, flat_metrics, metric_names
 from lgmpc.runs.log import CHANNELS, tilt_deg
-from lgmpc.runs.metrics import rpy_deg
+from lgmpc.runs.metrics import LinkDistances, rpy_deg
 
 from .conftest import new_recorder, record_standing
 
@@ -76,13 +76,18 @@ def test_tilt_is_relative_to_the_reference_posture(standing) -> None:
 
 
 @pytest.mark.parametrize(
-    ("clearances", "count"), [([0.1, 0.0, 0.1], 0), ([0.1, -0.01, -0.02, 0.1, -0.01], 2), ([-0.01, 0.1], 1), ([], 0)]
+    ("least", "count"), [([0.1, 0.0, 0.1], 0), ([0.1, -0.01, -0.02, 0.1, -0.01], 2), ([-0.01, 0.1], 1), ([], 0)]
 )
-def test_collisions_of_legs_are_counted_once_each(changed, clearances, count) -> None:
-    assert compute_metrics(changed(lambda arrays: None), leg_clearances=np.array(clearances)).leg_collisions == count
+def test_collisions_of_links_are_counted_once_each(changed, least, count) -> None:
+    distances = LinkDistances(0.02 * np.arange(len(least)), 0.5 * np.array(least), [""] * len(least), np.array(least))
+    metrics = compute_metrics(changed(lambda arrays: None), distances=distances)
+    assert (metrics.leg_collisions, metrics.max_self_penetration_m) == (
+        count,
+        -0.5 * min(least, default=0.0) if count else 0.0,
+    )
 
 
-def test_legs_that_were_not_compared_have_no_collisions(changed) -> None:
+def test_links_that_were_not_compared_have_no_collisions(changed) -> None:
     assert compute_metrics(changed(lambda arrays: None)).leg_collisions is None
 
 

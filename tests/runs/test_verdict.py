@@ -18,7 +18,7 @@ BALANCE = Gate(
     max_abs_torque_nm=1.8,
 )
 
-MOVED = "largest distance of the base from its initial or, with commands, its commanded position"
+MOVED = "largest distance of the base from its initial or commanded position"
 OPEN = Gate(**dict.fromkeys(set(Gate().limits) - {"max_falls"}))
 
 
@@ -72,8 +72,7 @@ def test_a_gate_limits_tilt_height_saturation_and_solver_failures_by_default(cha
     metrics = compute_metrics(changed(slump))
     assert judge(metrics, Gate()).reasons == (
         "largest tilt of the base: 34 deg, allowed at most 20 deg (max_tilt_deg)",
-        "lowest height of the base as a fraction of its initial height: 0.625, allowed at least 0.7"
-        " (min_base_height_fraction)",
+        "lowest height of the base relative to its initial one: 0.625, allowed at least 0.7 (min_base_height_fraction)",
         "fraction of ticks with a joint at its torque limit: 0.15, allowed at most 0.1"
         " (max_torque_saturation_fraction)",
         "MPC updates and whole-body ticks whose solver failed: 1, allowed at most 0 (max_solver_failures)",
@@ -85,7 +84,7 @@ def test_lower_limits(standing) -> None:
     metrics = compute_metrics(standing, elapsed_s=1.0)
     verdict = judge(metrics, Gate(min_friction_margin_n=4.0, min_real_time_factor=3.0, min_base_height_m=0.1))
     assert verdict.reasons == (
-        "smallest distance of a measured force from the friction cone's surface: 3.6 N, allowed at least 4 N"
+        "smallest distance of a measured force from its friction cone: 3.6 N, allowed at least 4 N"
         " (min_friction_margin_n)",
         "simulated over elapsed time: 1, allowed at least 3 (min_real_time_factor)",
     )
@@ -139,7 +138,7 @@ def test_impossible_limits_are_refused(field, value) -> None:
 
 
 def test_a_limit_has_the_description_of_its_metric() -> None:
-    assert "max_slip_m: Largest slip of a foot in contact, m; the distance" in (Metrics.__doc__ or "")
-    assert str(Gate.model_fields["max_slip_m"].description).startswith("Largest slip of a foot in contact, m; the")
+    assert "max_slip_m: Largest slip of a foot in contact, m; from the start" in (Metrics.__doc__ or "")
+    assert str(Gate.model_fields["max_slip_m"].description).startswith("Largest slip of a foot in contact, m; from")
     assert Gate.phrase("max_slip_m") == "largest slip of a foot in contact"
     assert "integral of ``|torque x joint speed|`` over" in (WalkingMetrics.__doc__ or "")

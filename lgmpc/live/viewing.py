@@ -156,7 +156,7 @@ def view(pipe: Connection, host: str, port: int) -> None:
         ask = partial(_admit, token, process_request) if token else process_request
         return begin(*args, process_request=ask, origins=origins, **options)
 
-    vars(sockets)["serve"] = serve
+    vars(sockets)["serve"] = serve  # of this process: viser has no setting for origins or what a request needs
     server = viser.ViserServer(host, port, verbose=False)
     server.request_share_url = lambda *_, **__: None  # viser's tunnel would publish the page
     server.gui.configure_theme(show_logo=False, show_share_button=False)

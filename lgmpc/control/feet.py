@@ -29,18 +29,12 @@ Vector = Sequence[float]  # x, y, z
 
 _RETURN_CYCLES = 2  # of steps in place: what the first one shifts, the second one corrects
 
-_SETTLED_S = 0.018
-"""s after its touchdown from which a foot's sliding is evidence about the floor."""
-
+_SETTLED_S = 0.018  # after its touchdown, from which a foot's sliding is evidence about the floor
 _EVEN_SHARE = 0.03  # of the legs' scale: by so much less a touchdown may deviate on even ground
-_BELOW_SHARE = 0.015
+_BELOW_SHARE, _HANGING_SHARE = 0.015, 0.05
 _ROUGHEST_SHARE = 0.2
-_REMEMBERED = 0.97
-"""Share of the roughness that is left after one more touchdown as expected."""
-
-_PRESS_SHARE, _FALLING = 0.1, 0.4
-"""Load that brings a foot down to the ground that it lost, in weights, and the speed at which none is left, m/s."""
-
+_REMEMBERED = 0.97  # share of the roughness that is left after one more touchdown as expected
+_PRESS_SHARE, _FALLING = 0.1, 0.4  # load that brings lost feet down, in weights; speed at which none is left, m/s
 _LEAST_REACH_SHARE = 0.2  # of the legs' length: the least horizontal reach that counts for the speed
 
 
@@ -290,9 +284,15 @@ class Feet:
         self.stepping = not (self.standing or self.clock.rests(time))
 
     def _below(self, foot: int) -> bool:
-        """Return whether a foot in the air is below the ground that it should have found; on rough ground, any is."""
-        below = self._points[foot, 2] < self.footholds[foot, 2] - _BELOW_SHARE * self.legs.scale
-        return not self._stood[foot] and (self.roughness > 0.0 or bool(below))
+        """Return whether a foot in the air is below the ground that it should have found.
+
+        On rough ground any is that does not hang, above its path and slower: waiting brings no stretched leg down.
+        """
+        z, scale = float(self._points[foot, 2]), self.legs.scale
+        if self._stood[foot] or self.roughness == 0.0:
+            return not self._stood[foot] and z < self.footholds[foot, 2] - _BELOW_SHARE * scale
+        falling = self._velocities[self.points.starts[foot], 2] < 0.5 * self.velocity[foot, 2]
+        return bool(falling or z < self.position[foot, 2] + _HANGING_SHARE * scale) or not self.points.single
 
     def _write_normals(self) -> None:
         """Write the normals of the whole-body QP's contacts, for its next tick."""
@@ -340,6 +340,8 @@ class Feet:
                 target = self._aim(foot, time, path.touchdown, motion)
                 if path.retarget(time, target):
                     self.clock.stretch(foot, time, path.touchdown)
+        elif path.held(point, velocity):
+            path.search(time, point)
         elif self.events.below(foot):
             path.hasten(time)
         path.sample(time, *rows)

@@ -20,28 +20,22 @@ from lgmpc.settings import Fraction, NonNegative, Positive, Settings, key
 from lgmpc.timegrid import minimum_jerk
 from lgmpc.typing import GRAVITY, Array
 
-_STEEPEST = 2.0
-"""Largest touchdown speed in units of height over duration of the fall; up to 2.5 the quintic only falls."""
-
+_STEEPEST = 2.0  # largest touchdown speed, in heights over duration of the fall; up to 2.5 the quintic only falls
 _LANDING = 0.4, 0.1  # m/s, of points and soles
 _SEARCHING = 0.0, 0.4
 _CLEARANCE_SHARE, _DEPTH_SHARE = 1.0 / 7.0, 0.5  # of the height of the centre of mass
-_PEAK = 10.0 / math.sqrt(3.0)
-"""Largest acceleration of the quintic from rest to rest, in units of way over duration squared."""
-
+_PEAK = 10.0 / math.sqrt(3.0)  # largest acceleration of the quintic from rest to rest, in ways over duration squared
 _OBSTRUCTED_SHARE = 0.05  # of the height: on level ground, feet in a tenth of that are pushed
 _OBSTACLE_SHARE = 0.35  # of the height: the highest obstacle that a foot rises over
 _LOST_COMMANDS = 3
 _LEAST_SPEED, _STUCK_SHARE = 0.3, 0.3  # m/s; share of the path's speed
 _BEYOND_SHARE = 1.1  # of the largest acceleration: from here on feet are bound to lag
 _FREE_SHARE = 0.8  # of the largest acceleration: up to it feet follow their paths unless something is in the way
-_RISING_SHARE = 0.6
-"""Share of the time up over an obstacle after which the foot moves ahead; on rough ground less, as a precaution."""
+_RISING_SHARE = 0.6  # of the time up over an obstacle: then the foot moves ahead; on rough ground earlier
 _ROUGH_SHARE = 0.5
 _AGAIN_SHARE = 0.7  # of a swing's duration, for the step over an obstacle
 
-_MARGIN_SHARE = 0.35
-"""Least height of a foot above what is below its way, in clearances."""
+_MARGIN_SHARE = 0.35  # least height of a foot above what is below its way, in clearances
 _NEAR = 1e-3  # m
 _TIMES = np.linspace(0.0, 1.0, 41)
 _MINIMUM_JERK = minimum_jerk(_TIMES)[0]
@@ -184,7 +178,8 @@ class SwingTrajectory:
         if wait > 0.0:
             self._plan_plane(t + wait * (touchdown - t), (x[0], 0.0, 0.0), (y[0], 0.0, 0.0))
         elif self.roughness > 0.0:  # what is ahead may be a riser
-            self._plan_plane(t + _ROUGH_SHARE * (self._apex_time - t), (x[0], 0.0, 0.0), (y[0], 0.0, 0.0))
+            begin = min(t + _ROUGH_SHARE * (self._apex_time - t), max(t, self._latest_begin()))
+            self._plan_plane(begin, (x[0], 0.0, 0.0), (y[0], 0.0, 0.0))
         else:
             self._plan_plane(t, x, y)
 
@@ -223,6 +218,12 @@ class SwingTrajectory:
         slow = vx * float(velocity[0]) + vy * float(velocity[1]) < _STUCK_SHARE * speed * speed
         return behind and slow and self._acceleration() < _FREE_SHARE * self.settings.acceleration_m_s2
 
+    def held(self, position: Vector, velocity: Vector) -> bool:
+        """Return whether what is in front of a late foot at ``position`` (3,), m, holds it: it rests off its target."""
+        off = math.hypot(self.target[0] - float(position[0]), self.target[1] - float(position[1]))
+        resting = math.hypot(float(velocity[0]), float(velocity[1])) < _STUCK_SHARE * _LEAST_SPEED
+        return resting and off > self._obstructed and self.touchdown > self.liftoff and not self._sole
+
     @property
     def unattainable(self) -> bool:
         """Whether the motors cannot swing the foot to its target by the touchdown."""
@@ -232,6 +233,14 @@ class SwingTrajectory:
         """Return the largest acceleration in the plane of a step from rest to the target in the swing's time, m/s2."""
         duration = self.touchdown - self._ahead_s - self.liftoff
         return _PEAK * self._way() / (duration * duration)
+
+    def _shortest(self) -> float:
+        """Return the least time of a step from rest, s."""
+        return math.sqrt(_PEAK * self._way() / self.settings.acceleration_m_s2)
+
+    def _latest_begin(self) -> float:
+        """Return when the foot has to move ahead to get to the target in time, s."""
+        return self.touchdown - self._ahead_s - (0.0 if self._sole else self._shortest())
 
     def _way(self) -> float:
         return math.hypot(self.target[0] - self._from[0], self.target[1] - self._from[1])
@@ -269,8 +278,10 @@ class SwingTrajectory:
         fall_changes = z != self.target[2]
         self.target = (x, y, z)
         fall_changes |= self._postpone()
-        begin = max(t, self._planned)  # later than now on the way up in front of an obstacle
-        self._plan_plane(begin, _evaluate(self._x, begin - self._planned), _evaluate(self._y, begin - self._planned))
+        # Later than now on the way up, of what may be an obstacle only if the step is not too long for that.
+        begin = max(t, self._planned if self._again else min(self._planned, self._latest_begin()))
+        since = max(begin - self._planned, 0.0)
+        self._plan_plane(begin, _evaluate(self._x, since), _evaluate(self._y, since))
         if fall_changes:
             begin = max(t, self._apex_time)
             self._plan_fall(begin, self._height(begin))
@@ -312,7 +323,7 @@ class SwingTrajectory:
 
     def _postpone(self) -> bool:
         """Postpone the touchdown until the step to the target is within the limit; return whether it had to be."""
-        due = min(self.liftoff + math.sqrt(_PEAK * self._way() / self.settings.acceleration_m_s2), self._latest)
+        due = min(self.liftoff + self._shortest(), self._latest)
         if due <= self.touchdown:
             return False
         self.touchdown = due
@@ -401,21 +412,13 @@ def _quintic(begin: State, end: State, duration: float) -> Coefficients:
     dv = (end[1] - (v + a * t)) * t
     da = (end[2] - a) * t * t
     cube = 1.0 / (t * t * t)
-    return (
-        p,
-        v,
-        0.5 * a,
-        (10.0 * dp - 4.0 * dv + 0.5 * da) * cube,
-        (-15.0 * dp + 7.0 * dv - da) * cube / t,
-        (6.0 * dp - 3.0 * dv + 0.5 * da) * cube / (t * t),
-    )
+    third, fourth = (10.0 * dp - 4.0 * dv + 0.5 * da) * cube, (-15.0 * dp + 7.0 * dv - da) * cube / t
+    return p, v, 0.5 * a, third, fourth, (6.0 * dp - 3.0 * dv + 0.5 * da) * cube / (t * t)
 
 
 def _evaluate(c: Coefficients, t: float) -> State:
     """Return position, velocity and acceleration at ``t``."""
     c0, c1, c2, c3, c4, c5 = c
-    return (
-        c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))),
-        c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
-        2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
-    )
+    rate = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5)))
+    value = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
+    return value, rate, 2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5))

@@ -57,6 +57,33 @@ def test_a_foot_without_ground_swings_when_its_next_swing_is_due(
     np.testing.assert_allclose(np.array(aims) - points[FOOT, :2], 0.0, atol=0.02)
 
 
+def test_on_rough_ground_the_schedule_waits_for_feet_that_search_not_for_those_that_hang(robot: Robot) -> None:
+    """A foot finds no ground: it follows its path down, or a stretched leg holds it above."""
+    settings, liftoffs = LocomotionSettings(), {}
+    for hangs in (False, True):
+        feet = Feet(
+            robot, settings, gaits_of(robot, settings), Contacts.standing(robot, WholeBodySettings().scaled(robot))
+        )
+        points = feet.legs.feet * [1.0, 1.0, 0.0]
+        feet.begin(0.0, points, None)
+        feet.roughness, touchdown = 0.02, math.inf
+        for time in 1e-3 * np.arange(1, 700):
+            feet.follow(time, MotionCommand(vx=0.1, gait="trot"))
+            contacts = feet.clock.flags(time)
+            if contacts[FOOT] and feet.clock.last_touchdown(FOOT, time) > 0.0:
+                touchdown = min(touchdown, time)
+            contacts[FOOT] &= time < touchdown
+            measured, velocity = np.where(feet.stance[:, None], points, feet.position), feet.velocity.copy()
+            if hangs and time >= touchdown:
+                measured[FOOT, 2], velocity[FOOT] = 0.02, 0.0
+            feet.update(time, measured, velocity, contacts, BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0))
+            if time > touchdown and feet.events.states[0] is ContactState.SWING:
+                liftoffs[hangs] = time - touchdown
+                break
+    assert liftoffs[False] > 0.08  # the longest search
+    assert liftoffs[True] < 0.03
+
+
 def test_feet_swing_higher_after_a_touchdown_at_an_unexpected_height_and_after_an_obstacle(robot: Robot) -> None:
     settings = LocomotionSettings()
     apexes = {}

@@ -259,6 +259,33 @@ def test_a_foot_held_back_by_an_obstacle_rises_before_it_moves_ahead_again() -> 
     assert (rows[:over, 0] == 0.03).all()
 
 
+def test_a_late_foot_that_something_in_front_of_it_holds_searches_where_it_is() -> None:
+    swing = SwingTrajectory()
+    swing.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), np.array([0.1, 0.0, 0.0]))
+    at = np.array([0.06, 0.0, 0.025])
+    assert not swing.held(np.array([0.095, 0.0, 0.01]), np.zeros(3))  # it is there
+    assert not swing.held(at, np.array([0.5, 0.0, 0.0]))  # it lags, and catches up
+    assert swing.held(at, np.zeros(3))
+    swing.search(0.13, at)
+    assert not swing.held(at, np.zeros(3))
+    assert not swing.held(np.zeros(3), np.zeros(3))  # searches
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["from lift-off", "by a target that moves"])
+def test_on_rough_ground_a_step_that_needs_all_of_its_time_is_not_put_off(moves: bool) -> None:
+    """What may be a riser ahead is a precaution; a push is not."""
+    near, far, paths = np.array([0.05, 0.0, 0.0]), np.array([0.3, 0.0, 0.0]), {}
+    for name, target in (("near", near), ("far", far)):
+        swing = SwingTrajectory()
+        swing.roughness = 0.02
+        swing.lift_off(0.0, 0.12, np.zeros(3), np.zeros(3), near if moves else target)
+        assert swing.retarget(0.005, target)
+        paths[name] = sample(swing, 0.025)[0, 0], sample(swing, 0.12 - 1e-9)[0]
+        np.testing.assert_allclose(paths[name][1], target, atol=1e-6)
+    assert paths["near"][0] == 0.0
+    assert paths["far"][0] > 0.005
+
+
 def test_a_foot_that_steps_over_an_obstacle_does_not_climb_without_end() -> None:
     """One that stays behind while it rises is left alone; no obstacle is higher than a third of the robot's height."""
     swing = SwingTrajectory(height=0.3)

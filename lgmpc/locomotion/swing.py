@@ -120,9 +120,8 @@ class SwingTrajectory:
         self._obstructed, self._obstacle = _OBSTRUCTED_SHARE * height, _OBSTACLE_SHARE * height
         self.liftoff, self.touchdown = 0.0, 0.0
         self.target = (0.0, 0.0, 0.0)
-        self._latest = 0.0
         self._from = (0.0, 0.0)
-        self._apex_time = 0.0
+        self._latest = self._apex_time = 0.0
         self._again, self._floor = False, 0.0  # it steps over an obstacle; the highest ground that it expects
         self._usual = 0.0  # duration of the swing as it began, s
         self._hastened = math.inf
@@ -249,9 +248,8 @@ class SwingTrajectory:
         """Begin again from ``position`` (3,), where an obstacle holds the foot: upwards, and from there on ahead."""
         duration = max(_AGAIN_SHARE * self._usual, self.touchdown - t)
         self.touchdown = self._latest = t + duration
-        self._ahead_s = 0.0
-        self.liftoff, self._from = t, (float(position[0]), float(position[1]))
         x, y, z = (float(value) for value in position)
+        self._ahead_s, self.liftoff, self._from = 0.0, t, (x, y)
         apex = min(max(z, self.target[2]), self._floor) + self.clearance + self.roughness
         apex, self._again = max(apex, z), True
         self._apex_time = t + self.settings.apex_share * duration
@@ -290,8 +288,7 @@ class SwingTrajectory:
     def search(self, t: float, position: Vector) -> None:
         """Descend at the touchdown speed from ``position`` (3,) on: a stance foot lost its contact."""
         self.liftoff = self.touchdown = self._apex_time = t
-        self._hastened = math.inf
-        self.touchdown_speed = self._landing
+        self._hastened, self.touchdown_speed = math.inf, self._landing
         self.target = (float(position[0]), float(position[1]), float(position[2]))
 
     def hasten(self, t: float) -> None:
@@ -316,8 +313,7 @@ class SwingTrajectory:
         searching = depth < self._depth
         position[0], position[1], position[2] = self.target
         position[2] -= depth if searching else self._depth
-        velocity[:] = 0.0
-        acceleration[:] = 0.0
+        velocity[:] = acceleration[:] = 0.0
         if searching:
             velocity[2] = -speed - GRAVITY * fallen
 

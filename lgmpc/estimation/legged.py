@@ -38,9 +38,9 @@ _CONTACT_FORCE = (0.12, 0.8)
 _SURE = 6.0
 """Standard deviations of the load of a foot in the air that a touchdown takes: noise of the joints' speeds,
 differentiated, times the inertia of a heavy leg may be more than the threshold, and is smoothed until it is not."""
-_STANDING_S, _STANDING_SHARE = 0.1, 0.05
-"""Time for which all feet have rested when a robot stands, s, and what is left at last of slip and errors of the legs:
-both come with steps and loads. So the gyro's bias about the vertical is known before the first step."""
+_STANDING_S, _STANDING_SPEED, _STANDING_SHARE = 0.1, 0.05, 0.05
+"""Time for which a robot that stands has rested, s, slower than this, m/s (who crouches for a jump loads the legs), and
+what is left at last of slip and errors of the legs. So the gyro's yaw bias is known before the first step."""
 
 
 class LeggedEstimatorSettings(ImuNoise):
@@ -359,7 +359,7 @@ class LeggedEstimator:
         if self._external.update(reading):
             _LOG.info("world axes and origin are those of the external source from %.3f s on", reading.time)
             self._floor = math.nan
-        if new.any() or not ekf.touching.all():
+        if new.any() or not ekf.touching.all() or ekf.velocity @ ekf.velocity > _STANDING_SPEED**2:
             self._stands_since = reading.time
         np.greater(self.contacts, ekf.touching, out=self.rejected)
         self._q[:3] = ekf.position

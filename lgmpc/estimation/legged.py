@@ -51,13 +51,13 @@ class LeggedEstimatorSettings(ImuNoise):
 
     kind: Literal["inekf"] = key("inekf", "Contact-aided invariant extended Kalman filter.")
     form: Literal["right", "left", "multiplicative"] = key(
-        "right", "Error of the filter: invariant, or a quaternion's."
+        "right", "Error of the filter: right- or left-invariant, or that of a quaternion filter."
     )
     gyro_bias_rad_s: Noise = key(2e-3, "Standard deviation of the gyro's bias at the start in each axis, rad/s.")
     accelerometer_bias_m_s2: Noise = key(0.05, "Standard deviation of the accelerometer's first bias, m/s2.")
     encoder_noise_rad: Noise = key(1e-4, "Standard deviation of a joint angle, rad.")
     joint_velocity_noise_rad_s: Noise = key(0.02, "Standard deviation of a joint's speed, rad/s.")
-    foot_noise_m: Annotated[Positive, Field(le=1.0)] = key(1e-3, "Standard deviation of leg kinematics, each axis, m.")
+    foot_noise_m: Annotated[Positive, Field(le=1.0)] = key(1e-3, "Standard error of leg kinematics in each axis, m.")
     slip_m_s_rt_hz: Noise = key(2e-3, "Density of the velocity noise of feet in contact, m/s/sqrt(Hz).")
     resting_speed_m_s: Positive = key(
         7.5e-3,

@@ -148,7 +148,7 @@ class Metrics:
     min_base_height_m: Number = metric("Lowest height of the base, m; above the ground, along its normal.")
     final_position_error_m: Number = metric("Distance of the base from its first or commanded position at the end, m.")
     final_tilt_deg: Number = metric("Tilt of the base at the end, degrees.")
-    final_rotation_deg: Number = metric("Rotation of the base from its first or commanded attitude at last, degrees.")
+    final_rotation_deg: Number = metric("Final rotation of the base from its first or commanded attitude, degrees.")
     max_slip_m: Number = metric("Largest slip of a foot in contact, m; from the start of its stance, rolling included.")
     max_foot_displacement_m: Number = metric("Largest distance of a foot from its initial position, m; steps included.")
     max_abs_torque_nm: Number = metric("Largest torque at any joint, N.m.")

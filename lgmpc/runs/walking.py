@@ -41,7 +41,7 @@ class WalkingMetrics:
     Plateaus are intervals of constant commands, settled, see the module.
     """
 
-    velocity_rmse_m_s: float | None = metric("RMS error of the velocity, a stride's mean, at constant commands, m/s.")
+    velocity_rmse_m_s: float | None = metric("RMS error of a stride's mean velocity at constant commands, m/s.")
     raw_velocity_rmse_m_s: float | None = metric("RMS error of the instantaneous velocity at constant commands, m/s.")
     velocity_bias_m_s: float | None = metric("Largest mean velocity error at a constant command, m/s.")
     yaw_rate_rmse_rad_s: float | None = metric("RMS error of a stride's mean yaw rate at constant commands, rad/s.")
@@ -56,7 +56,7 @@ class WalkingMetrics:
     walking_tilt_deg: float = metric("Largest tilt of the base while it is to move or a foot swings, degrees.")
     max_scuff_m: Number = metric("Largest distance that a foot slides over the floor in a swing, m.")
     peak_impact_n: float | None = metric("Largest normal force of a foot within 20 ms from its touchdown, N.")
-    odometry_drift_percent: float | None = metric("Final error of the estimated base position over the way, %.")
+    odometry_drift_percent: float | None = metric("Final error of the estimated base position over the distance, %.")
     recovery_time_s: float | None = metric(
         "Time from a push's end until the velocity is back within 0.05 m/s of the command, s; averaged over a stride, "
         "until the next push or change of the command; the largest of all pushes."

@@ -121,8 +121,9 @@ def test_soles_reach_as_far_as_their_legs(legs):
 
 def test_soles_that_would_overlap_come_down_on_both_sides_of_the_centre_of_mass_alike(legs):
     """Beside a foot that is off the path by 2 cm the next ones would stay off it, too, and the robot sway more."""
-    planner, still = FootholdPlanner(LegGeometry.of(legs)), BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
-    beside = float(legs.foot_points.size[1]) + 0.015
+    geometry, still = LegGeometry.of(legs), BaseMotion(0.0, 0.0, 0.0, 0.0, 0.0)
+    planner, beside = FootholdPlanner(geometry), geometry.beside + 0.015
+    assert geometry.beside > float(legs.foot_points.size[1])  # its shanks are wider than its soles
     places = [(0.0, 0.0), (0.0, -0.5 * beside - 0.02)]  # left, right
     for foot in (0, 1, 0):
         places[foot] = planner.place(foot, still, 0.0, 0.43, [places[1 - foot]], width=0.2)

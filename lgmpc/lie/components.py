@@ -51,3 +51,24 @@ def norm(x: Any, y: Any, z: Any) -> Any:
     """Return the Euclidean norm."""
     square = x * x + y * y + z * z
     return math.sqrt(square) if isinstance(square, float) else np.sqrt(square)
+
+
+def quaternion_product(first: Entries, second: Entries) -> tuple[Any, Any, Any, Any]:
+    """Return the entries (x, y, z, w) of the product of two quaternions, also of CasADi expressions."""
+    x, y, z, w = first
+    a, b, c, d = second
+    return (
+        w * a + d * x + y * c - z * b,
+        w * b + d * y + z * a - x * c,
+        w * c + d * z + x * b - y * a,
+        w * d - x * a - y * b - z * c,
+    )
+
+
+def quaternion_rows(q: Entries) -> Entries:
+    """Return the 9 entries of the rotation matrix of a unit quaternion, row by row."""
+    x, y, z, w = q
+    xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
+    xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
+    xw, yw, zw = 2.0 * x * w, 2.0 * y * w, 2.0 * z * w
+    return 1.0 - yy - zz, xy - zw, xz + yw, xy + zw, 1.0 - xx - zz, yz - xw, xz - yw, yz + xw, 1.0 - xx - yy

@@ -13,7 +13,7 @@ import numpy as np
 from lgmpc.lie import checks
 from lgmpc.lie.checks import checked
 from lgmpc.lie.coefficients import Array, cosine, sinc
-from lgmpc.lie.components import Entries, matrix, norm, parts, rows, vector
+from lgmpc.lie.components import Entries, matrix, norm, parts, quaternion_product, quaternion_rows, rows, vector
 
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
@@ -26,19 +26,7 @@ def identity() -> Array:
 @checked(checks.quaternion, checks.quaternion)
 def compose(first: Array, second: Array) -> Array:
     """Return the product: rotate by ``second``, then by ``first``."""
-    return vector(product(parts(first), parts(second)))
-
-
-def product(first: Entries, second: Entries) -> tuple[Any, Any, Any, Any]:
-    """Return the entries of :func:`compose`, also of CasADi expressions."""
-    x, y, z, w = first
-    a, b, c, d = second
-    return (
-        w * a + d * x + y * c - z * b,
-        w * b + d * y + z * a - x * c,
-        w * c + d * z + x * b - y * a,
-        w * d - x * a - y * b - z * c,
-    )
+    return vector(quaternion_product(parts(first), parts(second)))
 
 
 @checked(checks.quaternion)
@@ -84,16 +72,7 @@ def log(q: Array) -> Array:
 @checked(checks.quaternion)
 def to_matrix(q: Array) -> Array:
     """Return rotation matrices (..., 3, 3)."""
-    return matrix(rotation_rows(parts(q)), 3)
-
-
-def rotation_rows(q: Entries) -> Entries:
-    """Return the 9 entries of :func:`to_matrix`, row by row."""
-    x, y, z, w = q
-    xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
-    xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
-    xw, yw, zw = 2.0 * x * w, 2.0 * y * w, 2.0 * z * w
-    return 1.0 - yy - zz, xy - zw, xz + yw, xy + zw, 1.0 - xx - zz, yz - xw, xz - yw, yz + xw, 1.0 - xx - yy
+    return matrix(quaternion_rows(parts(q)), 3)
 
 
 @checked(checks.rotation)

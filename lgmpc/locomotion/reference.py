@@ -11,6 +11,7 @@ import numpy as np
 
 from lgmpc.compile import StageKernel
 from lgmpc.lie import attitude, quaternion
+from lgmpc.lie.components import quaternion_product, quaternion_rows
 from lgmpc.locomotion.command import MotionCommand, VelocityRamp
 from lgmpc.locomotion.horizon import MotionReference
 from lgmpc.locomotion.legs import LegGeometry
@@ -135,8 +136,8 @@ class ReferenceBuilder:
         if angles != self._attitude:
             self._attitude = angles
             tilt = _tilt(pitch, roll)
-            q = quaternion.product((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)), tilt)
-            rotation = quaternion.rotation_rows(q)
+            q = quaternion_product((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)), tilt)
+            rotation = quaternion_rows(q)
             turning = [command.yaw_rate * each for each in rotation[6:]]  # the vertical, in the base's axes
             pose.base_pose[3:] = q
             pose.attitude[:] = [*rotation, *turning]
@@ -220,7 +221,7 @@ def _motion_ahead(joints: int) -> ca.Function:
     com = ca.vertcat(x, y) + chord * _turned(half, vx, vy) + way * _turned(heading, ax, ay)
     # Rz(yaw) Ry(pitch) Rx(roll), and the base where the centre of mass of the reference posture requires it.
     tilt, base, slope = ca.vertsplit(now[10:14]), now[14:17], now[17:]
-    attitude = quaternion.product((0.0, 0.0, ca.sin(0.5 * yaw), ca.cos(0.5 * yaw)), tilt)
+    attitude = quaternion_product((0.0, 0.0, ca.sin(0.5 * yaw), ca.cos(0.5 * yaw)), tilt)
     height = z + ca.dot(slope, com - ca.vertcat(x, y))
     origin = ca.vertcat(com + _turned(yaw, base[0], base[1]), height + base[2])
     outputs = {
@@ -243,4 +244,4 @@ def _turned(angle: Any, x: Any, y: Any) -> Any:
 def _tilt(pitch: float, roll: float) -> tuple[float, float, float, float]:
     """Return the quaternion x y z w of Ry(pitch) Rx(roll)."""
     about_y = 0.0, math.sin(0.5 * pitch), 0.0, math.cos(0.5 * pitch)
-    return quaternion.product(about_y, (math.sin(0.5 * roll), 0.0, 0.0, math.cos(0.5 * roll)))
+    return quaternion_product(about_y, (math.sin(0.5 * roll), 0.0, 0.0, math.cos(0.5 * roll)))

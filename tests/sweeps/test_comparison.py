@@ -58,7 +58,7 @@ def test_what_the_gate_limits_is_judged_relative_to_the_limit(runs: dict[str, Pa
 
 def test_a_run_that_fails_where_the_other_passed_is_worse(runs: dict[str, Path]) -> None:
     found = compare_folders(runs["same"], runs["strict"])
-    assert found.reasons[0].startswith("only the first passed: largest distance of the centre of mass")
+    assert found.reasons[0].startswith("only the first passed: largest error of the centre of mass")
     assert json.loads(json.dumps(found.content(), allow_nan=False))["worse"] is True
 
 

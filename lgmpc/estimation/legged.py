@@ -38,9 +38,6 @@ _CONTACT_FORCE = (0.12, 0.8)
 _SURE = 6.0
 """Standard deviations of the load of a foot in the air that a touchdown takes: noise of the joints' speeds,
 differentiated, times the inertia of a heavy leg may be more than the threshold, and is smoothed until it is not."""
-_STANDING_S, _STANDING_SPEED, _STANDING_SHARE = 0.1, 0.05, 0.05
-"""Time for which a robot that stands has rested, s, slower than this, m/s (who crouches for a jump loads the legs), and
-what is left at last of slip and errors of the legs. So the gyro's yaw bias is known before the first step."""
 
 
 class LeggedEstimatorSettings(ImuNoise):
@@ -178,11 +175,6 @@ def _finite(values: Array | None, count: int) -> Array | None:
     return None if values is None or not np.isfinite(values[:count]).all() else values[:count]
 
 
-def _share_of_noise(rested: float) -> float:
-    """Return how much of the noise of feet is left that have all rested for some time, s: no jump of the estimate."""
-    return 1.0 if rested <= _STANDING_S else max((_STANDING_S / rested) ** 2, _STANDING_SHARE)
-
-
 def _share_of_newest(most: float, noise: float) -> float:
     """Return the share of a first-order filter's newest input with which differenced white noise leaves ``most``.
 
@@ -280,7 +272,6 @@ class LeggedEstimator:
         self._loads, self._newest = np.zeros(robot.nf), _share_of_newest(touch, _SURE * noise)
         self.rejected = np.zeros(robot.nc, dtype=np.bool_)
         self._moved = np.full(robot.nc, -math.inf)  # when each foot was last found to move, s
-        self._stands_since = math.inf  # when the last foot came to rest, s
         self._gate, self._rest = chi_square_bound(settings.outlier_probability), settings.rest_s
         self._resting = settings.resting_speed_m_s**2 * np.eye(3)
         self._base_covariance, self._squares = np.zeros((3, 3)), np.zeros((robot.nc, 1))
@@ -306,7 +297,6 @@ class LeggedEstimator:
         self._loads[:] = 0.0
         self.legs.reset()
         self._moved[:] = -math.inf
-        self._stands_since = math.inf
         self.rejected[:] = False
         if self.monitor is not None:
             self.monitor.reset()
@@ -329,9 +319,6 @@ class LeggedEstimator:
     def _advance(self, reading: Measurement) -> None:
         ekf, legs, periods = self.ekf, self.legs, 1
         self._write_normals()
-        share = _share_of_noise(self._time - self._stands_since)
-        ekf.squared_slip[:] = (share * self.settings.slip_m_s_rt_hz) ** 2
-        legs.foot_variance[:] = (share * self.settings.foot_noise_m) ** 2
         if self._running:
             periods = max(1, round((reading.time - self._time) / self._period))  # since readings that were lost too
             # Rates are those of the legs at the last reading, since which the feet have rolled.
@@ -359,8 +346,6 @@ class LeggedEstimator:
         if self._external.update(reading):
             _LOG.info("world axes and origin are those of the external source from %.3f s on", reading.time)
             self._floor = math.nan
-        if new.any() or not ekf.touching.all() or ekf.velocity @ ekf.velocity > _STANDING_SPEED**2:
-            self._stands_since = reading.time
         np.greater(self.contacts, ekf.touching, out=self.rejected)
         self._q[:3] = ekf.position
         self._q[3:7] = quaternion.from_matrix.unchecked(ekf.rotation)

@@ -45,7 +45,6 @@ class LegSensing:
         spreads: (nc, 3, 3) covariance of :attr:`velocities` per variance of a joint's speed, world axes, m2.
         forces: (nc, 3) forces on the robot, world axes, N.
         normals: (nc, 3) unit normals of the surfaces under the feet, world axes, to be written to; level at first.
-        foot_variance: (1,) of the model's error of a foot position in each axis, m2, to be written to.
 
     Raises:
         InputError: a robot of another kind, a period that is not positive, or negative noise.
@@ -69,7 +68,6 @@ class LegSensing:
         self.normals[:] = UP
         memory["joint_friction"][:] = robot.joint_friction
         memory["variances"][:] = encoder_noise**2, foot_noise**2
-        self.foot_variance: Array = memory["variances"][1:]
         outputs = {name: np.zeros(size) for name, size in kernel.output_sizes.items()}
         self._run = kernel.bind(1, **memory, **outputs)
         self._patches, nc = robot.foot_points, robot.nc

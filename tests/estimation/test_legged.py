@@ -192,15 +192,3 @@ def test_the_start_is_the_given_pose(solo12: Robot) -> None:
 def test_bad_settings_are_refused(solo12: Robot, argument: str, make) -> None:
     with pytest.raises(InputError, match=f"^{argument}: got"):
         make(solo12)
-
-
-def test_a_robot_that_stands_knows_the_bias_of_its_gyro_about_the_vertical(solo12: Robot) -> None:
-    """A second at rest; feet taken to slip as they do between steps would leave 1.8 of 2 mrad/s unknown."""
-    reading, bias, rng = resting(solo12, np.eye(3)), np.array([0.0, 0.0, 1e-3]), np.random.default_rng(0)
-    estimator = LeggedEstimator(solo12, PERIOD)
-    for k in range(1000):
-        noise = 1e-4 / np.sqrt(PERIOD) * rng.normal(size=3)
-        estimator.update(reading._replace(time=k * PERIOD, gyro=bias + noise))
-    deviation = np.sqrt(estimator.ekf.covariance[-4, -4])
-    assert deviation < 4e-4
-    assert abs(estimator.ekf.gyro_bias[2] - bias[2]) < 3.0 * deviation

@@ -50,7 +50,6 @@ class InvariantEkf:
 
     Attributes:
         contact_offset: as given, to be written to where surfaces tilt.
-        squared_slip: (1,) square of the density, to be written to, m2/s.
         form: as given.
         contacts: as given.
         touching: (k,) which feet are in contact; read-only.
@@ -107,7 +106,6 @@ class InvariantEkf:
         self._up = -gravity / max(float(np.linalg.norm(gravity)), sys.float_info.min)
         self._parameters = np.concatenate([[0.0], gravity, offset, np.square(densities)])
         self.contact_offset: Array = self._parameters[4:7]
-        self.squared_slip: Array = self._parameters[11:]
 
         # Symmetric matrices are equal in row-major and column-major order; the pose is not symmetric.
         self._before = {"pose": _column_major(state[0]), "bias": state[1], "covariance": state[2].ravel()}

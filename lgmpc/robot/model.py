@@ -99,6 +99,10 @@ class Robot:
         feet = ", ".join(self.foot_names) or "no contact frames"
         return f"<Robot {self.name}: {self.mass:.3f} kg, {base} base, {self.nu} joints, {feet}>"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields alone, to be pickled: what is computed from them is computed again."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     def create_data(self) -> pin.Data:
         """Return a new workspace for Pinocchio's algorithms on ``model``."""
         return self.model.createData()

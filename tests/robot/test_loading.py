@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shlex
 import subprocess
 import sys
@@ -19,6 +20,13 @@ from lgmpc.robot import RobotSpec, available_models, load_robot
 from lgmpc.robot.sources import build_model, resolve
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+def test_a_robot_that_was_used_can_be_sent_to_another_process(solo_spec) -> None:
+    robot = load_robot(solo_spec)
+    used = robot.link_pairs.names, robot.foot_ids, robot.symbolic.nv
+    copy = pickle.loads(pickle.dumps(robot))
+    assert (copy.link_pairs.names, copy.foot_ids, copy.symbolic.nv) == used
 
 
 def test_solo12_as_built(solo_spec) -> None:

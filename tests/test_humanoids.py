@@ -271,6 +271,14 @@ def test_soles_that_land_a_hundredth_of_the_height_off_tell_of_rough_ground(legs
 
 
 @pytest.mark.slow
+def test_legs_without_a_trunk_walk_on_soles_that_hardly_turn():
+    """Nothing balances their yaw momentum: with `wbc.joint_horizon_s` of 0.02 a sole slides by 5.5 mm of 5."""
+    result = prepare(load_config("talos_legs_walk")).run(lambda progress: None)
+    assert result.verdict.passed, result.verdict.reasons
+    assert result.certificate is not None and result.certificate.certified
+
+
+@pytest.mark.slow
 def test_g1_follows_commands_that_change_within_a_step():
     """With `wbc.joint_horizon_s` of 0.02 and 1 m/s2 it falls at 2.1 s: with its waist at a limit before the second.
 
